@@ -162,7 +162,8 @@ pub mod target_error {
 pub mod warnings {
     #[doc(inline)]
     pub use antirad_render::warnings::{
-        Example, Kind, RefineError, RefineOptions, Refined, Warning, Warnings, refine, too_coarse,
+        Effect, Example, Kind, MATTERS, RefineError, RefineOptions, Refined, Warning, Warnings, refine,
+        too_coarse,
     };
 }
 

@@ -331,12 +331,12 @@ fn the_best_answer_stays() {
 
 /// Duplicate triangles do not depend on bins: both solves agree on the wrong answer.
 #[test]
-fn a_severe_warning_prevents_meeting_the_target() {
+fn a_warning_of_more_prevents_meeting_the_target() {
     let backend = backend();
     let mut scene = furnace(0.5);
-    let twice = scene.triangles[7];
-    scene.triangles.push(twice);
-    scene.meshes[0].range.end += 1;
+    let twice = scene.triangles[..scene.triangles.len() / 20].to_vec();
+    scene.meshes[0].range.end += twice.len() as u32;
+    scene.triangles.extend(twice);
     let options = TargetErrorOptions::new(0.5).max_triangles(1000);
     let solved = within(&backend, &scene, &options);
     assert!(estimate(&solved).total <= 0.5);

@@ -5,7 +5,7 @@ mod support;
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape};
-use antirad::warnings::{Kind, RefineError, RefineOptions, Warnings, refine};
+use antirad::warnings::{Kind, MATTERS, RefineError, RefineOptions, Warnings, refine};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::Instant;
 use support::kit::Plates;
@@ -89,7 +89,7 @@ fn stacked_layers_are_named() {
     let two = warnings(&Plates { count: 2, ..Plates::default() }.scene().expect("a scene"));
     let eight = warnings(&Plates { count: 8, ..Plates::default() }.scene().expect("a scene"));
     let [two, eight] = [&two, &eight].map(|w| w.get(Kind::StackedLayers).expect("a warning").clone());
-    assert!(eight.severe && eight.worst[0].value > 100.0 * two.worst[0].value, "{two}\n{eight}");
+    assert!(eight.effect.share > 0.05 && eight.worst[0].value > 100.0 * two.worst[0].value, "{two}\n{eight}");
     for k in 1..=8 {
         assert!(eight.message.contains(&format!("\"plate {k}\"")), "{}", eight.message);
     }
@@ -254,7 +254,10 @@ fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
     let coarse = error(&scene, &same);
     let found = Warnings::with_shadows(&scene, &plan(&scene));
     let floor = found.get(Kind::CoarseShadows).expect("a warning");
-    assert!(!floor.severe && floor.triangles.contains(&0) && floor.triangles.contains(&1), "{found}");
+    assert!(
+        floor.effect.share > 0.0 && floor.triangles.contains(&0) && floor.triangles.contains(&1),
+        "{found}"
+    );
     let mut fine = scene.clone();
     let options = RefineOptions::default().max_triangles(1500);
     let refined = refine(&mut fine, &PlanOptions::default(), &options).expect("refined");
@@ -317,10 +320,10 @@ fn results_are_judged_without_a_device() {
     let little = after(&irradiance, Some(1.1));
     assert_eq!(kinds(&little), [Kind::Unphysical, Kind::NegativeIrradiance]);
     let negative = little.get(Kind::NegativeIrradiance).expect("a warning");
-    assert_eq!((negative.triangles.as_slice(), negative.severe), (&[3][..], false));
+    assert_eq!((negative.triangles.as_slice(), negative.effect.exceeds(MATTERS)), (&[3][..], false));
     assert_eq!(negative.worst[0].value, -1e-3);
     irradiance[5] = [-500.0; 3];
     let much = after(&irradiance, None);
     let negative = much.get(Kind::NegativeIrradiance).expect("a warning");
-    assert_eq!((negative.triangles.as_slice(), negative.severe), (&[5, 3][..], true));
+    assert_eq!((negative.triangles.as_slice(), negative.effect.exceeds(MATTERS)), (&[5, 3][..], true));
 }

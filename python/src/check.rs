@@ -24,10 +24,10 @@ impl Warning {
         self.inner.kind.name()
     }
 
-    /// Whether the result may be useless, not just less accurate.
+    /// Share of all light that it may change, 0 to 1; estimated from the geometry unless the scene was solved.
     #[getter]
-    fn severe(&self) -> bool {
-        self.inner.severe
+    fn effect(&self) -> f64 {
+        self.inner.effect.share
     }
 
     /// What is wrong, in a sentence.

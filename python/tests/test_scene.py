@@ -136,7 +136,7 @@ def test_check_and_refine():
     scene = antirad.Scene.load(SCENES / "cornell_boxes.toml")
     (warning,) = [w for w in antirad.check(scene) if w.kind == "coarse blockers"]
     assert len(warning.triangles) == 66 and warning.worst[0]["triangle"] == warning.triangles[0]
-    assert "remedy" in str(warning) and not warning.severe
+    assert "remedy" in str(warning) and 0 < warning.effect < 0.05
     refined = antirad.refine(scene, levels=1)
     assert len(refined.scene.triangles) == len(refined.parents) > 3092
     assert refined.scene.areas.sum() == pytest.approx(scene.areas.sum())

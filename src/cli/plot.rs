@@ -12,11 +12,11 @@ const HEIGHT: u32 = 640;
 
 /// One curve: points in the plot's units, and its text in the legend.
 pub struct Curve {
-    /// Its text in the legend.
+    /// Text of the curve in the legend.
     pub label: String,
     /// x and y, in the units of the axes.
     pub points: Vec<(f64, f64)>,
-    /// As a line, as marks, or both.
+    /// How the curve is drawn: as a line, as marks, or both.
     pub drawn: Drawn,
 }
 
@@ -39,7 +39,7 @@ pub struct LogPlot {
     pub x: String,
     /// Text of the y axis.
     pub y: String,
-    /// In the order of the legend.
+    /// The curves, in the order of the legend.
     pub curves: Vec<Curve>,
     /// A linear x axis, from the first point on; else a logarithmic one.
     pub linear_x: bool,

@@ -139,7 +139,7 @@ pub struct SolveBar {
     tolerance: f64,
     /// Name of the solve, if it is one of several.
     name: Option<String>,
-    /// Its part of the whole bar, 0 to 1.
+    /// The part of the whole bar that this solve fills, 0 to 1.
     range: Range<f64>,
 }
 

@@ -19,7 +19,7 @@ pub struct OutputError {
 }
 
 impl OutputError {
-    /// That `path` cannot be written, for this reason.
+    /// The error that `path` cannot be written, for this reason.
     pub fn new(path: &Path, reason: io::Error) -> Self {
         Self { path: path.to_path_buf(), reason }
     }
@@ -27,6 +27,9 @@ impl OutputError {
 
 /// Calls `write` with a new file in the directory of `path`, which then replaces `path`. Buffering is up to `write`.
 /// What is not a regular file (`/dev/stdout`, a pipe) is written directly; links are followed.
+///
+/// # Errors
+/// Fails if the file cannot be created or replaced, or if `write` fails.
 pub fn atomic_write(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<(), OutputError> {
     replace(path, write).map_err(|reason| OutputError { path: path.to_path_buf(), reason })
 }
@@ -52,11 +55,17 @@ fn replace(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::
 }
 
 /// Writes RGB rows as a float array [rows, 3] (NumPy's format).
+///
+/// # Errors
+/// Fails if the file cannot be written.
 pub fn write_npy<T: npyz::AutoSerialize + Copy>(path: &Path, rows: &[[T; 3]]) -> Result<(), OutputError> {
     write_array(path, &[rows.len() as u64, 3], rows.iter().flatten().copied())
 }
 
 /// Writes numbers as an array of a shape, the last index running fastest (NumPy's format).
+///
+/// # Errors
+/// Fails if the file cannot be written, or if there are more or fewer numbers than the shape has.
 pub fn write_array<T: npyz::AutoSerialize>(
     path: &Path,
     shape: &[u64],
@@ -80,6 +89,9 @@ pub fn single(rows: &[[f64; 3]]) -> Vec<[f32; 3]> {
 }
 
 /// Writes a value as indented JSON.
+///
+/// # Errors
+/// Fails if the value cannot be serialised, or the file cannot be written.
 pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
     atomic_write(path, |file| {
         let mut text = serde_json::to_vec_pretty(value)?;
@@ -88,7 +100,10 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Outp
     })
 }
 
-/// The same, unless the file exists: of several processes one writes it.
+/// Writes a value as indented JSON unless the file exists: of several processes one writes it.
+///
+/// # Errors
+/// Fails if the value cannot be serialised, or the file cannot be written; not if it exists.
 pub fn write_new_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
     let directory = path.parent().unwrap_or(Path::new("."));
     let attempt = || {
@@ -105,6 +120,9 @@ pub fn write_new_json(path: &Path, value: &impl serde::Serialize) -> Result<(), 
 }
 
 /// Creates a directory, and checks that files can be created in it before any work is done for them.
+///
+/// # Errors
+/// Fails if the directory cannot be created, or if no file can be created in it.
 pub fn prepare_directory(path: &Path) -> Result<(), OutputError> {
     let attempt = || {
         // The system's message would only say that the file exists.
@@ -123,6 +141,9 @@ pub fn prepare_directory(path: &Path) -> Result<(), OutputError> {
 }
 
 /// Removes files that killed runs left half-written in a directory. For directories that one run at a time writes into.
+///
+/// # Errors
+/// Fails if the directory cannot be read, or a file cannot be removed.
 pub fn remove_unfinished(path: &Path) -> Result<(), OutputError> {
     let attempt = || {
         for entry in fs::read_dir(path)? {

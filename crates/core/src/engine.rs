@@ -119,9 +119,9 @@ pub enum EngineError {
         planned.0 + 1, planned.1, given.0 + 1, given.1
     )]
     OtherRanks {
-        /// Number from 0, and count, of the plan.
+        /// Rank of the plan, from 0, and number of ranks.
         planned: (u32, u32),
-        /// The same of the device.
+        /// Rank of the device, from 0, and number of ranks.
         given: (usize, usize),
     },
     /// The plan is for another backend.
@@ -129,9 +129,9 @@ pub enum EngineError {
         "the plan is for the backend {planned} and the engine for {given}: plan with the options of the backend (PlanOptions::of)"
     )]
     OtherBackend {
-        /// That of the plan.
+        /// Backend of the plan.
         planned: BackendKind,
-        /// The one given.
+        /// Backend of the engine.
         given: BackendKind,
     },
     /// The geometry is not that of the plan.
@@ -229,7 +229,7 @@ impl SolveParams {
 }
 
 impl Default for SolveParams {
-    /// Those of the default settings.
+    /// The parameters of the default settings.
     fn default() -> Self {
         Self::from(&SolveSettings::default())
     }
@@ -324,6 +324,9 @@ impl EngineError {
     }
 
     /// The last iterate of a solve that did not converge, as accurate as its last residual.
+    ///
+    /// # Errors
+    /// Returns the error itself, if it holds no iterate.
     pub fn into_best(self) -> Result<Box<Solution>, Self> {
         match self {
             Self::Solve(SolveError::NoConvergence { best: Some(best), .. }) => Ok(best),
@@ -331,7 +334,7 @@ impl EngineError {
         }
     }
 
-    /// The same error without that iterate, and so without device memory.
+    /// This error without the last iterate of the solver, and so without device memory.
     pub fn without_best(mut self) -> Self {
         if let Self::Solve(SolveError::NoConvergence { best, .. }) = &mut self {
             *best = None;
@@ -393,7 +396,7 @@ pub struct Engine {
     pub triangles: Vec<[u32; 3]>,
     /// Number of vertices of the scene.
     pub(crate) vertices: usize,
-    /// Those by which it is differentiated.
+    /// Vertices by which the engine is differentiated.
     #[doc(hidden)]
     pub movable: Movable,
     revision: Revision,
@@ -453,7 +456,8 @@ impl Engine {
     /// Allocates exactly the memory that the plan counts, and compiles the kernels.
     ///
     /// # Errors
-    /// Where the plan is for another scene or backend, or the backend lacks memory or a feature.
+    /// Fails if the scene is invalid or not that of the plan, if the plan is for another backend or other
+    /// ranks, or if the backend lacks memory or a feature.
     pub fn new(backend: impl Into<Backend>, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         let backend = &backend.into();
         scene.validate()?;
@@ -509,13 +513,21 @@ impl Engine {
     /// Replaces the materials by those of `scene`, whose geometry must be that of the plan. Lobes and colours that
     /// were not planned are an error. Earlier solutions become outdated; only [`Engine::solve_from`] accepts them, as
     /// a start.
+    ///
+    /// # Errors
+    /// Fails if the scene is invalid, has other triangles than the plan, or has lobes or colours that were
+    /// not planned; and if the backend fails.
     pub fn set_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
         scene.validate()?;
         self.replace_materials(scene)
     }
 
-    /// The same for emission that may be negative: light is linear in it, so that differences of scenes can be solved, too
-    /// (finite differences, least squares).
+    /// Replaces the materials as [`Engine::set_materials`] does, but accepts negative emission. Light is
+    /// linear in emission, so that differences of scenes can be solved, too (finite differences, least
+    /// squares).
+    ///
+    /// # Errors
+    /// Fails as [`Engine::set_materials`] does, except for negative emission.
     pub fn set_linear_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
         scene.validate_linear()?;
         self.replace_materials(scene)
@@ -550,6 +562,9 @@ impl Engine {
     /// first, except for held solutions; compiled kernels stay with the device. Where only vertices have moved, direct light is
     /// sampled at the same points of each triangle, and clusters are kept as [`ClusterChoice`](crate::plan::ClusterChoice) says, so that
     /// results are smooth functions of the vertices.
+    ///
+    /// # Errors
+    /// Fails if the scene is invalid or cannot be planned within the memory budget, or if the backend fails.
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
         let Self { backend, operators, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
@@ -575,11 +590,18 @@ impl Engine {
     }
 
     /// Solves H = U (E + (K - J) H).
+    ///
+    /// # Errors
+    /// Fails if the parameters are out of range, if the solve diverges or does not converge within
+    /// `max_passes`, if a callback stops it, or if the backend fails.
     pub fn solve(&mut self, params: &SolveParams) -> Result<Solution, EngineError> {
         self.solve_with(params, &mut |_, _| ControlFlow::Continue(()))
     }
 
     /// Solves, and calls `progress` with the number of passes and the relative residual after each pass.
+    ///
+    /// # Errors
+    /// Fails as [`Engine::solve`] does, and if `progress` stops the solve.
     pub fn solve_with(
         &mut self,
         params: &SolveParams,
@@ -591,6 +613,9 @@ impl Engine {
     /// Solves starting from the solution of a similar scene (a few parameters have changed, a vertex has moved),
     /// which takes fewer passes. Starts from zero if the plan of that scene orders triangles differently, or is for the other
     /// backend. The start may come from any engine on the same device, with any materials.
+    ///
+    /// # Errors
+    /// Fails as [`Engine::solve_with`] does.
     pub fn solve_from(
         &mut self,
         start: Option<&Solution>,
@@ -657,6 +682,10 @@ impl Engine {
 
     /// Outgoing radiance of each triangle of the scene towards a point (metres), RGB, W/(m² sr): the operator S. Zero
     /// for triangles that face away from the point.
+    ///
+    /// # Errors
+    /// Fails if the solution belongs to another engine or to other materials, if the position is not finite,
+    /// or if the backend fails.
     pub fn face_colours(
         &mut self,
         solution: &Solution,
@@ -669,7 +698,8 @@ impl Engine {
         Ok(colours)
     }
 
-    /// The same without the light of lamps that triangles reflect specularly.
+    /// Face colours as [`Engine::face_colours`] returns them, W/(m² sr), but without the light of lamps that
+    /// triangles reflect specularly.
     #[doc(hidden)]
     pub fn colours_without_highlights(
         &mut self,

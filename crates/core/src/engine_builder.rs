@@ -46,7 +46,7 @@ impl EngineBuilder<'_> {
     /// Plans the scene and makes the engine.
     ///
     /// # Errors
-    /// As [`Plan::new`] and [`Engine::new`].
+    /// Fails if the scene cannot be planned ([`Plan::new`]), or the engine cannot be made ([`Engine::new`]).
     pub fn build(self) -> Result<Engine, EngineError> {
         let Self { backend, scene, options, settings } = self;
         Engine::new(backend, scene, Plan::new(scene, &options, &settings)?)

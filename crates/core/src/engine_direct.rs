@@ -15,7 +15,7 @@ pub struct Direct {
     pub light: Arc<DirectLight>,
     /// Irradiance of each triangle of the scene, W/m².
     pub irradiance: Vec<DVec3>,
-    /// Of glossy triangles, in ascending order.
+    /// Specular lobes of glossy triangles, by ascending triangle; empty without lamps.
     pub lobes: Vec<Lobes>,
 }
 
@@ -31,6 +31,9 @@ pub struct Lobes {
 
 impl Direct {
     /// `known`: lobes that may be computed already.
+    ///
+    /// # Errors
+    /// Fails if ranks can no longer work together.
     pub fn new(
         light: Arc<DirectLight>,
         scene: &Scene,
@@ -74,7 +77,7 @@ impl Direct {
     }
 }
 
-/// Of all glossy triangles.
+/// The lobes of all glossy triangles. Those in `known` are taken from there if the power is the same.
 fn lobes(light: &DirectLight, scene: &Scene, plan: &Plan, known: &[Lobes]) -> Result<Vec<Lobes>, RankError> {
     let power = |triangle: usize| scene.material(triangle).power;
     let known = |triangle: usize| {

@@ -16,19 +16,21 @@ use std::ops::ControlFlow;
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Cotangent {
-    /// Of [`Solution::irradiance`], per W/m².
+    /// Derivative by [`Solution::irradiance`], per W/m².
     pub irradiance: Option<Vec<DVec3>>,
-    /// Of the part of it that comes straight from lamps with exact visibility, per W/m².
+    /// Derivative by the irradiance that comes straight from lamps, per W/m².
     pub direct_irradiance: Option<Vec<DVec3>>,
-    /// Of the other part, per W/m².
+    /// Derivative by the rest of the irradiance, the indirect part, per W/m².
     pub indirect_irradiance: Option<Vec<DVec3>>,
-    /// Of [`Solution::radiosity`], per W/m².
+    /// Derivative by [`Solution::radiosity`], per W/m².
     pub radiosity: Option<Vec<DVec3>>,
-    /// Of [`Engine::face_colours`] for cameras (metres), per W/(m² sr).
+    /// Derivative by [`Engine::face_colours`], per W/(m² sr), for each camera position, metres.
     pub colours: Vec<(DVec3, Vec<DVec3>)>,
-    /// The same without the highlights of lamps.
+    /// Derivative by the face colours without the highlights of lamps, per W/(m² sr), for each camera
+    /// position, metres.
     pub colours_without_highlights: Vec<(DVec3, Vec<DVec3>)>,
-    /// Of what each triangle reflects specularly, per bin, per W/(m² sr); empty for triangles of which the loss does not depend on that.
+    /// Derivative by the specular radiance of each triangle per bin, per W/(m² sr). Empty for triangles on
+    /// whose specular radiance the loss does not depend.
     pub specular_radiance: Option<Vec<Vec<DVec3>>>,
 }
 
@@ -110,6 +112,11 @@ impl Engine {
     ///
     /// With the adjoint λ = λ₀ + (K - J)ᵀ μ of incident light and the cotangent μ = μ₀ + Uᵀ λ of outgoing light, dL =
     /// ⟨μ, d(E + K H)⟩ + ⟨λ, dU C⟩ + ⟨colours, dS C⟩.
+    ///
+    /// # Errors
+    /// Fails if the solution belongs to another engine or to other materials, if derivatives of a requested
+    /// kind were not planned, if a cotangent does not fit the scene or is not finite, if parameters are out
+    /// of range, if the adjoint solve does not converge or a callback stops it, or if the backend fails.
     pub fn backward(
         &mut self,
         solution: &Solution,
@@ -120,7 +127,11 @@ impl Engine {
         self.backward_with(solution, cotangent, request, params, &mut |_, _| ControlFlow::Continue(()))
     }
 
-    /// As [`Engine::backward`]; calls `progress` with the number of passes and the relative residual after each pass.
+    /// Computes what [`Engine::backward`] does, and calls `progress` with the number of passes and the
+    /// relative residual after each pass.
+    ///
+    /// # Errors
+    /// Fails as [`Engine::backward`] does, and if `progress` stops the solve.
     pub fn backward_with(
         &mut self,
         solution: &Solution,

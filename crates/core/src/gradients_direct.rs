@@ -23,7 +23,7 @@ pub(crate) struct DirectGradients {
 /// The derivative of a loss by what glossy triangles send out per bin: per group, by slot, bin and RGB.
 pub(crate) type SpecularCotangent = Vec<Option<Vec<f64>>>;
 
-/// Of a triangle's lobes.
+/// Derivatives of a loss through the specular lobes of one triangle.
 #[derive(serde::Deserialize, serde::Serialize)]
 struct OfLobes {
     triangle: usize,
@@ -35,7 +35,8 @@ struct OfLobes {
 }
 
 impl Engine {
-    /// From the cotangents of radiance and specular radiance, without views. `of_radiance` contains the views.
+    /// Derivatives through direct light, from the cotangents of radiance and specular radiance, without
+    /// views. `of_radiance` contains the views.
     pub(crate) fn direct_gradients(
         &self,
         cotangent: &Cotangent,
@@ -94,8 +95,8 @@ impl Engine {
         of_direct
     }
 
-    /// Derivatives by the emission of lamps: by what is seen of them, and by their direct light. The triangles of one lamp share the latter by
-    /// area.
+    /// Derivatives by the emission of lamps: by what is seen of them, and by their direct light. The
+    /// triangles of one lamp share the derivative by direct light in proportion to their areas.
     fn set_lamp_emission(&self, cotangent: &Cotangent, by_lamps: &[DVec3], emission: &mut [DVec3]) {
         let facets = self.plan().facets();
         for (lamp, by_light) in self.direct.light.lamps().iter().zip(by_lamps) {
@@ -112,7 +113,8 @@ impl Engine {
         }
     }
 
-    /// Through what glossy triangles send into U of the light of lamps. `shape`: also by power and geometry.
+    /// Derivatives through the light of lamps that glossy triangles send into U. `shape`: also by power and
+    /// geometry.
     fn pull_back_lobes(
         &self,
         of_specular: &SpecularCotangent,
@@ -163,7 +165,7 @@ impl Engine {
         Ok(light.ranks().map(of_triangles.len(), of_triangle)?.into_iter().flatten().collect())
     }
 
-    /// Through the highlights of faces towards a camera.
+    /// Derivatives through the highlights of faces towards a camera.
     fn pull_back_highlights(
         &self,
         camera_position: DVec3,

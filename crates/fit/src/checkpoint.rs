@@ -80,6 +80,9 @@ pub struct Identity(Vec<(String, [u8; 32])>);
 
 impl Identity {
     /// Adds a part, with its name in messages.
+    ///
+    /// # Errors
+    /// Fails if the value cannot be serialised.
     pub fn add(&mut self, what: impl Into<String>, value: &impl Serialize) -> Result<(), postcard::Error> {
         let bytes = postcard::to_stdvec(value)?;
         self.0.push((what.into(), Sha256::digest(bytes).into()));
@@ -119,6 +122,9 @@ impl Checkpoints {
     }
 
     /// Removes existing checkpoints: a new fit must not mix with an earlier one.
+    ///
+    /// # Errors
+    /// Fails if a checkpoint cannot be removed.
     pub fn clear(&self) -> Result<(), OutputError> {
         for path in [self.current(), self.previous()] {
             match fs::remove_file(&path) {
@@ -131,7 +137,10 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// An error if a checkpoint exists.
+    /// Checks that there is no checkpoint that a new fit would overwrite.
+    ///
+    /// # Errors
+    /// Fails if there is one.
     pub fn refuse(&self) -> Result<(), CheckpointError> {
         match [self.current(), self.previous()].into_iter().find(|path| path.exists()) {
             Some(path) => Err(CheckpointError::Present { path }),
@@ -140,6 +149,9 @@ impl Checkpoints {
     }
 
     /// Stores a state. On failure the previous checkpoint is left intact.
+    ///
+    /// # Errors
+    /// Fails if the state cannot be serialised, or a file cannot be written or renamed.
     pub fn write(&self, identity: &Identity, progress: &FitProgress) -> Result<(), OutputError> {
         use std::borrow::Cow::Borrowed;
         let path = self.current();
@@ -170,6 +182,9 @@ impl Checkpoints {
     }
 
     /// The most recent state; `None` if there is none.
+    ///
+    /// # Errors
+    /// Fails if the checkpoint cannot be read, is corrupt, or is of another version or another job.
     pub fn read(&self, identity: &Identity) -> Result<Option<FitProgress>, CheckpointError> {
         for path in [self.current(), self.previous()] {
             match fs::read(&path) {
@@ -313,7 +328,7 @@ mod tests {
         assert!(message.contains("number of targets"), "{message}");
     }
 
-    /// Where this is set, the process runs under a limit on file size.
+    /// Environment variable that is set in the process that runs under a limit on file size.
     const LIMITED: &str = "ANTIRAD_TEST_LIMITED";
 
     /// A limit on file size stands in for a full disk, since both make writes fail half-way, and needs no privileges. It is

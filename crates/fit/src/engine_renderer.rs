@@ -32,7 +32,7 @@ pub struct EngineRenderer {
     renderer: render::Renderer,
     /// The plan is made for its materials, which require as much as any later ones.
     planning: Scene,
-    /// Its emission at first, by material: a measure of how bright others are.
+    /// Initial emission of each material of `planning`: a measure of how bright others are.
     first_emission: Vec<[f64; 3]>,
     /// What the clusters of plans with derivatives are chosen for.
     choice: Option<Arc<ClusterChoice>>,
@@ -46,7 +46,7 @@ pub struct EngineRenderer {
     /// The vertices by which derivatives are wanted; `None`: all.
     movable: Option<Vec<u32>>,
     passes: u64,
-    /// For the vertex positions of [`Self::planning`], with the derivatives of `planned`.
+    /// Engine for the vertex positions of [`Self::planning`], with the derivatives of `planned`.
     engine: Option<Engine>,
     planned: GradientRequest,
     /// Coverage of each view at these positions; empty until computed.
@@ -84,6 +84,9 @@ impl EngineRenderer {
     /// Renders scenes with the triangles of `planning` and materials that require no more than its own
     /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), seen from `cameras` with `supersample` x
     /// `supersample` samples per pixel, and computes the derivatives in `request`.
+    ///
+    /// # Errors
+    /// Fails if the kernel of pictures cannot be compiled.
     pub fn new(
         backend: impl Into<Backend>,
         planning: Scene,
@@ -116,7 +119,7 @@ impl EngineRenderer {
         })
     }
 
-    /// The same with another shading: gathered unless stated.
+    /// This renderer with another shading: gathered unless stated.
     pub fn shading(self, shading: Shading) -> Self {
         let Self { renderer, .. } = self;
         Self { renderer: renderer.shading(shading), ..self }
@@ -174,6 +177,9 @@ impl EngineRenderer {
     }
 
     /// Per triangle, whether any view shows it, at the latest positions or else those of the planning scene.
+    ///
+    /// # Errors
+    /// Fails if the scene or a camera is invalid, or if the device fails.
     pub fn seen(&mut self) -> Result<Vec<bool>, RenderError> {
         self.look()?;
         Ok(Coverage::seen(&self.coverage, self.planning.triangles.len()))

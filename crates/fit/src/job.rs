@@ -36,7 +36,7 @@ pub enum FitError {
     /// A regulariser does not apply to anything fitted.
     #[error("{message}")]
     Regulariser {
-        /// Its index, from 0.
+        /// Index of the regulariser, from 0.
         index: usize,
         /// What is wrong with it.
         message: String,
@@ -287,6 +287,10 @@ pub struct Job {
 
 impl Job {
     /// A job from a scene and its targets in memory. [`JobFile`](super::JobFile) reads one from a file.
+    ///
+    /// # Errors
+    /// Fails if there is no target or nothing to fit, if a fit or a regulariser does not apply to the scene,
+    /// or if the optimiser does not suit the job.
     pub fn new(
         name: impl Into<String>,
         scene: Scene,
@@ -373,7 +377,10 @@ impl Job {
         }
     }
 
-    /// Estimated cost of an iteration, and bytes of host memory for the optimiser. An error if the scene cannot be rendered.
+    /// Estimated cost of an iteration, and bytes of host memory for the optimiser.
+    ///
+    /// # Errors
+    /// Fails if the scene cannot be rendered.
     pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(CostEstimate, u64), FitError> {
         let estimate = renderer.estimate(&self.problem.parameters.planning_scene())?;
         let targets: u64 = self.problem.targets.iter().map(|t| 24 * 4 * t.pixels.len() as u64).sum();
@@ -381,6 +388,10 @@ impl Job {
     }
 
     /// The progress of an earlier run to continue from; `None` for a new start.
+    ///
+    /// # Errors
+    /// Fails if a checkpoint exists that would be overwritten, or if one cannot be read or belongs to another
+    /// job.
     pub fn progress(
         &self,
         directory: &Path,
@@ -396,6 +407,10 @@ impl Job {
 
     /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. A job that was
     /// interrupted or killed, or that failed, goes on with [`OnCheckpoint::Resume`] and reaches the same result.
+    ///
+    /// # Errors
+    /// Fails if a checkpoint is refused or cannot be read or written, if pictures or their derivatives cannot
+    /// be computed, if the optimiser cannot take a step, or if the renderer or `watch` interrupts.
     pub fn run(
         &mut self,
         renderer: &mut dyn Renderer,

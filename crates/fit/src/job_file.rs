@@ -211,6 +211,10 @@ impl JobFile {
     /// shading = "gathered"           # or "face": one colour per face
     /// backend = "auto"               # or "cpu", "vulkan"; otherwise that of the scene
     /// ```
+    ///
+    /// # Errors
+    /// Fails if the file, its scene or a picture cannot be read, or if a value in them is invalid. The error
+    /// says where.
     pub fn load(path: &Path) -> Result<Self, FitError> {
         let file = TomlFile::read(path)?;
         let table: JobTable = file.parse()?;

@@ -67,7 +67,7 @@ pub(super) struct Limited {
     pub specular: f64,
     pub by_specular: f64,
     pub by_power: f64,
-    /// By δρ.
+    /// Derivative of σ' by δρ.
     pub by_diffuse_albedo: f64,
 }
 

@@ -50,11 +50,19 @@ pub enum LockError {
 
 impl FolderLock {
     /// Locks an existing, writable folder.
+    ///
+    /// # Errors
+    /// Fails if another process holds the lock, if the folder does not support locks, or if the lock file
+    /// cannot be written.
     pub fn take(directory: &Path) -> Result<Self, LockError> {
         Self::take_within(directory, PATIENCE)
     }
 
-    /// The same, after waiting for another process for some time.
+    /// Locks an existing, writable folder, after waiting at most `patience` for another process to release
+    /// it.
+    ///
+    /// # Errors
+    /// Fails as [`Self::take`] does.
     pub fn take_within(directory: &Path, patience: Duration) -> Result<Self, LockError> {
         let path = directory.join(FILE);
         let failed = |reason| OutputError::new(&path, reason);

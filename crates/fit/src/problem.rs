@@ -80,6 +80,9 @@ impl Problem {
     }
 
     /// Loss and gradient. The value is NaN if the scene has no solution.
+    ///
+    /// # Errors
+    /// Fails if pictures or their derivatives cannot be rendered, except for a scene without solution.
     pub fn evaluate(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Evaluation, RenderError> {
         let scene = self.parameters.scene(x);
         let pictures = match renderer.pictures(&scene) {
@@ -113,6 +116,9 @@ impl Problem {
     }
 
     /// Evaluates a point without its gradient.
+    ///
+    /// # Errors
+    /// Fails if the pictures cannot be rendered, or if the scene has no solution.
     pub fn judge(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Judged, RenderError> {
         let scene = self.parameters.scene(x);
         let pictures = renderer.pictures(&scene)?;
@@ -150,6 +156,9 @@ impl Problem {
     }
 
     /// The product of the Hessian with `p`. Requires pictures linear in the unknowns and a quadratic loss.
+    ///
+    /// # Errors
+    /// Fails if the loss is not quadratic, or if pictures or their derivatives cannot be rendered.
     pub fn curvature(&self, p: &[f64], renderer: &mut dyn Renderer) -> Result<Vec<f64>, RenderError> {
         let refuse = |message: &str| RenderError::Failed(message.into());
         let scene = self.parameters.linear_scene(p);
@@ -194,6 +203,9 @@ impl Problem {
     /// The diagonal of the Gauss-Newton Hessian of the pictures, with the light that arrives at surfaces held fixed: most of it
     /// where each unknown is the albedo or emission of few triangles. It takes no solve beside that at the point itself. `None` if
     /// the loss is not quadratic, something else is unknown, or the renderer does not know.
+    ///
+    /// # Errors
+    /// Fails if the pictures cannot be rendered, or if the scene has no solution.
     pub fn own_curvature(
         &self,
         x: &[f64],
@@ -223,6 +235,9 @@ impl Problem {
     /// regularisers. The columns of J come from forward differences, each of one picture per view; it is meant as a model
     /// of the curvature, not as an exact derivative. `None` if the loss is not quadratic, or a step of the differences has no
     /// picture.
+    ///
+    /// # Errors
+    /// Fails if the pictures cannot be rendered, or if the scene at `x` has no solution.
     pub fn gauss_newton(
         &self,
         x: &[f64],

@@ -36,7 +36,7 @@ pub enum Regulariser {
     Prior {
         /// The quantity.
         of: Quantity,
-        /// In the unit of the quantity.
+        /// The value to stay near, in the unit of the quantity.
         value: Option<[f64; 3]>,
         /// Weight, dimensionless.
         weight: f64,
@@ -44,7 +44,7 @@ pub enum Regulariser {
 }
 
 impl Regulariser {
-    /// Its weight.
+    /// The weight of the regulariser, dimensionless.
     pub fn weight(&self) -> f64 {
         match self {
             Self::Smoothness { weight, .. }
@@ -81,7 +81,10 @@ enum Term {
 }
 
 impl Regularisers {
-    /// Prepares the regularisers. The error has the index of one that applies to nothing fitted.
+    /// Prepares the regularisers.
+    ///
+    /// # Errors
+    /// Fails if a regulariser applies to nothing fitted. The error has its index.
     pub fn new(terms: &[Regulariser], parameters: &Parameters) -> Result<Self, (usize, String)> {
         let term = |(at, term): (usize, &Regulariser)| term_of(term, parameters).map_err(|error| (at, error));
         Ok(Self { terms: terms.iter().enumerate().map(term).collect::<Result<_, _>>()? })

@@ -65,9 +65,9 @@ pub struct CostEstimate {
 /// Squared derivatives of pictures by the triangles that they show; per triangle, RGB.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnSquares {
-    /// By albedo.
+    /// Squared derivatives by albedo.
     pub albedo: Vec<DVec3>,
-    /// By emitted radiance, in 1/(W/(m² sr))².
+    /// Squared derivatives by emitted radiance, in 1/(W/(m² sr))².
     pub emission: Vec<DVec3>,
 }
 
@@ -80,13 +80,14 @@ pub trait Renderer {
     /// same bytes; solves may start from earlier ones.
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError>;
 
-    /// The same of a scene that differs little from the latest, so that only the difference has to be accurate. The latest
-    /// pictures stay those of [`Self::pictures`].
+    /// Pictures of a scene that differs little from the latest, so that only the difference has to be
+    /// accurate. The latest pictures stay those of [`Self::pictures`].
     fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
         self.pictures(scene)
     }
 
-    /// The same of a difference of scenes: emission may be negative, and its light is no start for that of others.
+    /// Pictures of a difference of scenes: emission may be negative, and its light is no start for that of
+    /// others.
     fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
         self.pictures(scene)
     }

@@ -49,6 +49,9 @@ pub struct Circumstances {
 /// - `report.json`.
 ///
 /// Plots and comparisons of pictures are drawn by `cli::draw_fit`, which runs before this.
+///
+/// # Errors
+/// Fails if a file cannot be written.
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
     outcome.scene.save(&directory.join(SCENE))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;

@@ -34,7 +34,7 @@ pub struct Status {
     pub state: State,
     /// The host of the process that fits, or was the last to do so.
     pub host: String,
-    /// That process.
+    /// Number of that process.
     pub process: u32,
     /// When it began, seconds since 1970.
     pub began: u64,
@@ -103,13 +103,19 @@ impl Status {
         };
     }
 
-    /// Writes it into the job's folder. For the process that holds the folder's lock.
+    /// Writes the status into the job's folder. For the process that holds the folder's lock.
+    ///
+    /// # Errors
+    /// Fails if the file cannot be written.
     pub fn write(&mut self, directory: &Path) -> Result<(), OutputError> {
         self.written = now();
         write_json(&directory.join(FILE), self)
     }
 
-    /// Writes it, unless the folder has a status.
+    /// Writes the status into the job's folder, unless that has one.
+    ///
+    /// # Errors
+    /// Fails if the file cannot be written.
     pub fn announce(&self, directory: &Path) -> Result<(), OutputError> {
         write_new_json(&directory.join(FILE), self)
     }
@@ -133,6 +139,9 @@ impl Status {
     }
 
     /// The jobs of a folder of results, by name, each with its folder. Folders of other things are left out.
+    ///
+    /// # Errors
+    /// Fails if the folder cannot be read.
     pub fn of_folder(directory: &Path) -> std::io::Result<Vec<(PathBuf, Self)>> {
         let mut found = Vec::new();
         for entry in std::fs::read_dir(directory)? {

@@ -31,15 +31,15 @@ pub enum TargetError {
     Size {
         /// The picture or its mask.
         what: &'static str,
-        /// Its width, pixels.
+        /// Width of the picture or mask, pixels.
         got_width: u32,
-        /// Its height, pixels.
+        /// Height of the picture or mask, pixels.
         got_height: u32,
         /// Name of the camera.
         camera: String,
-        /// Of its pictures, pixels.
+        /// Width of the camera's pictures, pixels.
         width: u32,
-        /// Of its pictures, pixels.
+        /// Height of the camera's pictures, pixels.
         height: u32,
     },
     /// A pixel is infinite or not a number.
@@ -87,6 +87,10 @@ pub struct Target {
 
 impl Target {
     /// A target from its parts, validated. Masked pixels may hold any value.
+    ///
+    /// # Errors
+    /// Fails if the size of the picture or mask is not the camera's, if a mask value is outside 0 to 1, if
+    /// the weight is not positive and finite, if no pixel counts, or if one that counts is not finite.
     pub fn new(
         camera: Camera,
         pixels: Vec<DVec3>,
@@ -158,6 +162,9 @@ impl TargetPicture {
     ///
     /// EXR is linear. PNG is decoded from sRGB to linear, and its white becomes radiance `white`, W/(m² sr); an alpha
     /// channel is ignored.
+    ///
+    /// # Errors
+    /// Fails if the file cannot be read, or is neither an EXR nor a PNG.
     pub fn read(path: &Path, white: f64) -> Result<Self, TargetError> {
         let read = |reason: String| TargetError::Read { path: path.to_path_buf(), reason };
         match extension(path).as_deref() {
@@ -184,7 +191,10 @@ impl TargetPicture {
         }
     }
 
-    /// An error if the size differs from the camera's.
+    /// Checks that the picture has the size of the camera's pictures.
+    ///
+    /// # Errors
+    /// Fails if the size differs.
     pub fn check_size(&self, camera: &Camera) -> Result<(), TargetError> {
         check_size("the picture", (self.width, self.height), camera)
     }
@@ -192,6 +202,10 @@ impl TargetPicture {
 
 /// Reads a mask of a camera's size: the values of a PNG from 0 (black) to 1 (white), not decoded, or the red channel of
 /// an EXR.
+///
+/// # Errors
+/// Fails if the file cannot be read, is neither an EXR nor a PNG, or differs in size from the camera's
+/// pictures.
 pub fn read_mask(path: &Path, camera: &Camera) -> Result<Vec<f64>, TargetError> {
     let read = |reason: String| TargetError::Read { path: path.to_path_buf(), reason };
     let (size, mask): (_, Vec<f64>) = match extension(path).as_deref() {

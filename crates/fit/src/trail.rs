@@ -12,14 +12,17 @@ const LONGEST: usize = 10;
 pub struct Trail {
     /// Rendered since light was last solved from darkness: each solve starts from the light of the point before.
     points: Vec<Vec<f64>>,
-    /// For which clusters had been chosen before these.
+    /// The point for which clusters had been chosen before these.
     chosen_before: Option<Vec<f64>>,
-    /// For which they have been chosen by now.
+    /// The point for which clusters have been chosen by now.
     chosen: Option<Vec<f64>>,
 }
 
 impl Trail {
     /// Brings a renderer into the state in which it left these points.
+    ///
+    /// # Errors
+    /// Fails if a picture cannot be rendered, except for a scene without solution.
     pub fn retrace(&self, problem: &Problem, renderer: &mut dyn Renderer) -> Result<(), RenderError> {
         let unless_without_answer = |done: Result<(), RenderError>| match done {
             Err(RenderError::NoAnswer(_)) => Ok(()),

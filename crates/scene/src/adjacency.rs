@@ -77,7 +77,7 @@ pub(crate) struct Side {
     low: u32,
     high: u32,
     pub triangle: u32,
-    /// From the lower to the higher vertex.
+    /// Whether it runs from the lower to the higher vertex.
     forward: bool,
 }
 
@@ -99,7 +99,7 @@ impl<'a> Edge<'a> {
         self.0.len()
     }
 
-    /// Its two triangles, if it has exactly two.
+    /// The two triangles of the edge, if it has exactly two.
     pub fn pair(&self) -> Option<[u32; 2]> {
         match self.0 {
             [a, b] => Some([a.triangle, b.triangle]),
@@ -107,12 +107,13 @@ impl<'a> Edge<'a> {
         }
     }
 
-    /// Triangles that run along it from the lower to the higher vertex, minus those that run back.
+    /// Number of triangles that run along the edge from the lower to the higher vertex, minus those that run
+    /// back.
     pub fn balance(&self) -> i64 {
         self.0.iter().map(|side| if side.forward { 1 } else { -1 }).sum()
     }
 
-    /// Each triangle, and the vertices in the direction in which it runs.
+    /// Each triangle of the edge, and the vertices in the direction in which it runs.
     pub fn directed(self) -> impl Iterator<Item = (u32, [u32; 2])> + 'a {
         self.0.iter().map(|side| {
             let ends = if side.forward { [side.low, side.high] } else { [side.high, side.low] };
@@ -128,7 +129,7 @@ pub struct Edges {
 }
 
 impl Edges {
-    /// From the directed edges of triangles; edges from a vertex to itself are left out.
+    /// The edges of triangles, from their directed sides; sides from a vertex to itself are left out.
     pub fn new(directed: impl IntoIterator<Item = (u32, [u32; 2])>) -> Self {
         let real = directed.into_iter().filter(|(_, [a, b])| a != b);
         let side = |(triangle, [a, b]): (u32, [u32; 2])| Side {
@@ -142,12 +143,12 @@ impl Edges {
         Self { sides }
     }
 
-    /// From triangles, numbered in their order.
+    /// The edges of triangles, which are numbered in their order.
     pub fn of(triangles: impl IntoIterator<Item = [u32; 3]>) -> Self {
         Self::new((0..).zip(triangles).flat_map(|(t, corners)| sides(corners).map(|side| (t, side))))
     }
 
-    /// By ascending vertices.
+    /// All edges, by ascending vertices.
     pub fn iter(&self) -> impl Iterator<Item = Edge<'_>> {
         self.sides.chunk_by(|a, b| (a.low, a.high) == (b.low, b.high)).map(Edge)
     }
@@ -162,7 +163,7 @@ pub struct Fans {
 }
 
 impl Fans {
-    /// From triangles, numbered in their order, and a number of vertices.
+    /// The triangles around each of a number of vertices. Triangles are numbered in their order.
     pub fn of(vertices: usize, triangles: impl Iterator<Item = [u32; 3]> + Clone) -> Self {
         let corners = || (0u32..).zip(triangles.clone()).flat_map(|(t, abc)| abc.map(|v| (v as usize, t)));
         let mut start = vec![0; vertices + 1];
@@ -181,7 +182,7 @@ impl Fans {
         Self { start, triangles: around }
     }
 
-    /// Ascending.
+    /// Triangles around a vertex, ascending.
     pub fn around(&self, vertex: u32) -> &[u32] {
         let vertex = vertex as usize;
         &self.triangles[self.start[vertex] as usize..self.start[vertex + 1] as usize]

@@ -97,7 +97,8 @@ mod tests {
         }
     }
 
-    /// The same integral over outgoing directions by brute force: slow for sharp lobes, but without a change of variables.
+    /// The albedo of a lobe against the plain integral over outgoing directions: that is slow for sharp
+    /// lobes, but needs no change of variables.
     #[test]
     fn agrees_with_a_plain_integral_over_directions() {
         for (power, degrees) in [(1., 30.), (5., 60.), (20., 80.), (100., 45.)] {

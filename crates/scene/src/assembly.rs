@@ -86,6 +86,9 @@ impl Assembly {
     }
 
     /// Adds the materials of a mesh. Meshes may share materials, but must define them alike.
+    ///
+    /// # Errors
+    /// Fails if a text file defines a material otherwise than a file before it.
     pub fn add_materials(&mut self, mesh: &mut RawMesh) -> Result<(), SceneError> {
         let mut renamed = HashMap::new();
         for mut raw in std::mem::take(&mut mesh.materials) {
@@ -179,6 +182,9 @@ impl Assembly {
     }
 
     /// Appends a mesh. The error for an undefined material names `place`.
+    ///
+    /// # Errors
+    /// Fails if a material is not defined, or if there are more vertices or triangles than indices allow.
     pub fn add_mesh(
         &mut self,
         name: String,
@@ -299,6 +305,10 @@ impl Assembly {
     }
 
     /// Mends what can be mended, adds a camera if there is none, and checks the scene.
+    ///
+    /// # Errors
+    /// Fails if the scene does not pass [`Scene::check`]; the error names the file and, where known, the
+    /// line.
     pub fn finish(mut self, options: &LoadOptions) -> Result<Scene, SceneError> {
         if !options.strict {
             self.limit_energy();

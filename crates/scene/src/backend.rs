@@ -61,7 +61,7 @@ impl BackendChoice {
     /// All choices, as they are written.
     pub const NAMES: [&str; 3] = ["auto", "vulkan", "cpu"];
 
-    /// That of the environment variable ANTIRAD_BACKEND, if it holds one.
+    /// The choice in the environment variable ANTIRAD_BACKEND, if it holds one.
     pub fn of_environment() -> Option<Self> {
         std::env::var("ANTIRAD_BACKEND").ok()?.trim().parse().ok()
     }

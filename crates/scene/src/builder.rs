@@ -65,6 +65,10 @@ impl SceneBuilder {
     }
 
     /// The checked scene, with default settings and no camera.
+    ///
+    /// # Errors
+    /// Fails if a triangle uses a vertex that its mesh does not have, or if the scene does not pass
+    /// [`Scene::check`].
     pub fn finish(&self, name: &str) -> Result<Scene, SceneError> {
         let Self { vertices, triangles, meshes, materials, out_of_range } = self.clone();
         if let Some(OutOfRange { mesh, triangle, index, count }) = out_of_range {

@@ -46,6 +46,10 @@ impl Camera {
     }
 
     /// Says what is wrong with the camera, if anything.
+    ///
+    /// # Errors
+    /// Fails if a vector is not finite, if position, target and up define no view, or if the field of view,
+    /// the width or the height is out of range.
     pub fn check(&self) -> Result<(), SceneError> {
         let refuse = |message: String| Err(SceneError::Camera { name: self.name.clone(), message });
         for (what, vector) in [("position", self.position), ("target", self.target), ("up", self.up)] {

@@ -19,6 +19,9 @@ impl Scene {
     /// A scene of one mesh in memory, with default settings and no camera, checked.
     ///
     /// Vertices in metres. Triangles without area are recorded with a warning, as by [`Scene::check`] without `strict`.
+    ///
+    /// # Errors
+    /// Fails if the scene does not pass [`Scene::check`].
     pub fn new(
         name: impl Into<String>,
         vertices: Vec<DVec3>,
@@ -46,6 +49,9 @@ impl Scene {
     }
 
     /// Adds a camera, or replaces the one of the same name.
+    ///
+    /// # Errors
+    /// Fails if the camera does not pass [`Camera::check`].
     pub fn set_camera(&mut self, camera: Camera) -> Result<(), SceneError> {
         camera.check()?;
         match self.cameras.iter_mut().find(|c| c.name == camera.name) {
@@ -58,6 +64,10 @@ impl Scene {
     /// Checks everything that a solve relies on. Call it after changing a scene by hand.
     ///
     /// Fills [`Scene::degenerate`] and adds to [`Scene::warnings`]. With `strict`, triangles without area are an error.
+    ///
+    /// # Errors
+    /// Fails if an index, a coordinate, the range of a mesh, a material, a setting or a camera is invalid, or
+    /// if the scene has no triangles or too many. With `strict`, fails also if a triangle has no area.
     pub fn check(&mut self, strict: bool) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_triangles()?;
@@ -71,14 +81,18 @@ impl Scene {
 
     /// Checks geometry and materials, all that light depends on, and changes nothing. Everything that solves a scene calls
     /// this, since the fields of a scene are public.
+    ///
+    /// # Errors
+    /// Fails if an index, a coordinate, the range of a mesh or a material is invalid, or if the scene has no
+    /// triangles or too many.
     pub fn validate(&self) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_geometry()?;
         self.check_materials(Emission::Light).map(drop)
     }
 
-    /// The same for a scene whose emission may be negative. Light is linear in emission, so that differences of scenes can
-    /// be solved too.
+    /// Checks geometry and materials as [`Scene::validate`] does, but allows negative emission. Light is
+    /// linear in emission, so that differences of scenes can be solved too.
     pub fn validate_linear(&self) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_geometry()?;

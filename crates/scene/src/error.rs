@@ -94,7 +94,7 @@ pub enum SceneError {
         triangle: usize,
         /// Index of the vertex.
         vertex: u32,
-        /// Its position, m.
+        /// Position of the vertex, m.
         position: DVec3,
         /// Longest side of the scene's bounding box, m.
         size: f64,
@@ -123,7 +123,7 @@ pub enum SceneError {
         triangle: usize,
         /// Index of the vertex.
         vertex: u32,
-        /// Its position, m.
+        /// Position of the vertex, m.
         position: DVec3,
     },
 
@@ -186,7 +186,7 @@ pub enum SceneError {
     /// A material has a value that is not physical.
     #[error("material \"{name}\": {message}")]
     Material {
-        /// Its name in the file.
+        /// Name of the material in the file.
         name: String,
         /// What is wrong, and the remedy.
         message: String,
@@ -195,7 +195,7 @@ pub enum SceneError {
     /// A camera has invalid parameters.
     #[error("camera \"{name}\": {message}")]
     Camera {
-        /// Its name in the file.
+        /// Name of the camera in the file.
         name: String,
         /// What is wrong, and the remedy.
         message: String,
@@ -226,7 +226,7 @@ pub enum SceneError {
 pub struct Place<'a> {
     /// The file.
     pub path: &'a Path,
-    /// From 1.
+    /// Number of the line, from 1.
     pub line: usize,
 }
 

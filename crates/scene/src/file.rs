@@ -38,11 +38,12 @@ setters!(LoadOptions { strict: bool, orient: Orient, two_sided: bool, sky: Optio
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Orient {
-    /// As the file says, but mended where a closed or nearly closed shell allows: faces that disagree with most of their shell are turned,
-    /// and so is a shell whose backs alone can see lamps. A note says what was turned.
+    /// Faces stay as in the file, except where a closed or nearly closed shell allows mending: faces that
+    /// disagree with most of their shell are turned, and so is a shell whose backs alone can see lamps. A
+    /// note says what was turned.
     #[default]
     Auto,
-    /// As the file says.
+    /// Faces stay as in the file.
     Keep,
 }
 
@@ -101,6 +102,10 @@ impl Scene {
     /// transport = "auto"             # or "exact", { hierarchical = 0.003 } (relative error)
     /// # error = 0.02                 # target error of irradiance, instead of bins, near_field and tolerance
     /// ```
+    ///
+    /// # Errors
+    /// Fails if the format is unknown, if a file cannot be read or understood, or if the scene does not pass
+    /// [`Scene::check`].
     pub fn load(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
         let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
         let mut assembly = Assembly::new(path, stem(path));

@@ -87,7 +87,7 @@ pub struct Mesh {
     pub range: std::ops::Range<u32>,
 }
 
-/// Where in files the triangles of a mesh come from.
+/// The file, and the lines in it, that the triangles of a mesh come from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Origin {
     /// The mesh's own file, or the scene file that defines a shape.
@@ -105,7 +105,7 @@ pub struct Scene {
     pub vertices: Vec<DVec3>,
     /// Corners and material of each.
     pub triangles: Vec<Triangle>,
-    /// Runs of triangles that cover all of them, in order.
+    /// Meshes, whose ranges of triangles cover all of them, in order.
     pub meshes: Vec<Mesh>,
     /// One per mesh if the scene came from files, else empty.
     pub origins: Vec<Origin>,
@@ -131,7 +131,8 @@ impl Scene {
         self.triangles[triangle].vertices.map(|v| self.vertices[v as usize])
     }
 
-    /// Where a triangle comes from, for messages: `room.obj:17 (triangle 5 of mesh "room")`, as far as known.
+    /// The origin of a triangle as text for messages, as far as known, such as
+    /// `room.obj:17 (triangle 5 of mesh "room")`.
     pub fn place_of(&self, triangle: usize) -> String {
         let holds = |m: &Mesh| (m.range.start as usize..m.range.end as usize).contains(&triangle);
         let Some(mesh) = self.meshes.iter().position(holds) else {

@@ -5,9 +5,9 @@
 pub enum Movable {
     /// Every vertex.
     All,
-    /// Those that are marked.
+    /// The marked vertices.
     Some {
-        /// By index in the scene.
+        /// Per vertex of the scene, whether it is movable.
         vertices: Vec<bool>,
         /// Per triangle, whether a corner is movable.
         triangles: Vec<bool>,
@@ -37,7 +37,7 @@ impl Movable {
         }
     }
 
-    /// Whether a corner of a triangle is.
+    /// Whether a corner of a triangle is movable.
     pub fn triangle(&self, triangle: u32) -> bool {
         match self {
             Self::All => true,

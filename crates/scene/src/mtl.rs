@@ -31,7 +31,7 @@ pub(super) struct MtlMaterial {
 /// A texture that a material names.
 pub(super) struct TextureFile {
     pub name: String,
-    /// From the coordinates of `vt` to those of the picture.
+    /// Maps the coordinates of `vt` to those of the picture.
     pub place: DAffine2,
     pub line: usize,
 }

@@ -76,18 +76,18 @@ struct Reader<'a> {
     strict: bool,
     warnings: &'a mut Vec<String>,
     vertices: Vec<DVec3>,
-    /// In linear light, NaN where a vertex has none.
+    /// Colour of each vertex in linear light, NaN where it has none.
     colours: Vec<DVec3>,
-    /// Of `vt` lines.
+    /// Texture coordinates of `vt` lines.
     coordinates: Vec<DVec2>,
-    /// Of `vn` lines.
+    /// Normals of `vn` lines.
     normals: Vec<DVec3>,
     /// Number of faces whose normals point to their backs, and the line of the first.
     against_normals: (usize, usize),
     faces: Vec<[u32; 3]>,
     /// Per face, NaN where a corner has no texture coordinates.
     uvs: Vec<[DVec2; 3]>,
-    /// By file; `None` where one cannot be used.
+    /// Textures by file; `None` where a file cannot be used.
     textures: HashMap<PathBuf, Option<Arc<Texture>>>,
     face_materials: Vec<u32>,
     face_lines: Vec<u32>,
@@ -181,12 +181,12 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// That of a corner `v//vn` or `v/vt/vn`, or zero.
+    /// Normal of a corner `v//vn` or `v/vt/vn`, or zero.
     fn normal(&self, word: &str) -> DVec3 {
         listed(&self.normals, word.split('/').nth(2)).unwrap_or_default()
     }
 
-    /// Those of a corner `v/vt`, or NaN.
+    /// Texture coordinates of a corner `v/vt`, or NaN.
     fn texture_coordinates(&self, word: &str) -> DVec2 {
         listed(&self.coordinates, word.split('/').nth(1)).unwrap_or(DVec2::NAN)
     }

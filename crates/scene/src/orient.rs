@@ -21,9 +21,10 @@ const TRIED: usize = 64;
 
 /// A connected piece of surface, whose triangles meet two by two along edges.
 pub(super) struct Shell {
-    /// Ascending.
+    /// Indices of the triangles, ascending.
     pub triangles: Vec<u32>,
-    /// Those that disagree with the rest about the front, the smaller part by area; none if the shell cannot be oriented.
+    /// Triangles that disagree with the rest about the front, the smaller part by area; none if the shell
+    /// cannot be oriented.
     pub against: Vec<u32>,
     /// Whether it has no edge that a single triangle has, and can be oriented.
     pub closed: bool,
@@ -137,7 +138,7 @@ pub(super) fn orient(scene: &mut Scene, keep: impl Fn(usize) -> bool) -> Vec<(St
     scene.meshes.iter().map(of_mesh).filter(|(_, count)| *count > 0).collect()
 }
 
-/// Where the lamps of a scene can be seen from.
+/// The lamps of a scene, and rays that tell from where they can be seen.
 struct Light<'a> {
     scene: &'a Scene,
     rays: Rays,
@@ -208,7 +209,7 @@ impl<'a> Light<'a> {
 #[derive(Default)]
 struct Hits {
     any: usize,
-    /// Of other shells.
+    /// Hits of other shells.
     other: usize,
 }
 

@@ -12,7 +12,7 @@ use super::texture::{Map, Texel};
 #[derive(Clone, Debug, Default)]
 pub struct Patterns {
     maps: Vec<Maps>,
-    /// Per triangle.
+    /// Pattern of each triangle; `None` where it does not vary.
     of: Vec<Option<Pattern>>,
 }
 
@@ -21,9 +21,9 @@ pub struct Patterns {
 pub(super) struct Pattern {
     /// Index of its textures.
     maps: u32,
-    /// At its corners.
+    /// Texture coordinates of the corners.
     uvs: [DVec2; 3],
-    /// Factors of the albedo at its corners.
+    /// Factors of the albedo at the corners.
     colours: [DVec3; 3],
     /// Means of what multiplies albedo and emission.
     means: [DVec3; 2],
@@ -39,7 +39,9 @@ pub struct Factors {
 }
 
 impl Pattern {
-    /// Of a face with textures, texture coordinates and colours of corners, where it has some, and their means; `None` where all are constant.
+    /// The pattern of a face, and the means of what multiplies its albedo and emission. The pattern is `None`
+    /// if both are constant over the face. `uvs` and `colours`: texture coordinates and colours of the
+    /// corners, where it has some.
     pub fn new(
         maps: &Maps,
         index: u32,

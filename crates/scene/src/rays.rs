@@ -13,7 +13,7 @@ const EPSILON: f64 = 1e-9;
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// In a leaf, the start of its range of `order`; otherwise the second child, the first being the next node.
+    /// Start of a leaf's range of `order`. In inner nodes, the second child; the first is the next node.
     first: u32,
     /// Triangles of a leaf; 0 in inner nodes.
     count: u32,
@@ -21,10 +21,10 @@ struct Node {
     axis: usize,
 }
 
-/// Where a ray meets a triangle.
+/// The intersection of a ray with a triangle.
 struct Hit {
     distance: f64,
-    /// Whether from its front.
+    /// Whether the ray comes from the front of the triangle.
     front: bool,
 }
 
@@ -44,7 +44,7 @@ impl Rays {
         Self::among(corners, |i| scene.degenerate.binary_search(i).is_err())
     }
 
-    /// Of those triangles that are `solid`.
+    /// Builds the hierarchy of those triangles that are `solid`.
     pub fn among(corners: Vec<[DVec3; 3]>, solid: impl Fn(&u32) -> bool) -> Self {
         let mut order: Vec<u32> = (0..corners.len() as u32).filter(solid).collect();
         let mut nodes = Vec::new();
@@ -130,7 +130,7 @@ impl Rays {
         }
     }
 
-    /// Where a ray meets a triangle (Möller and Trumbore 1997).
+    /// The intersection of a ray with a triangle, if there is one (Möller and Trumbore 1997).
     fn hit(&self, triangle: usize, origin: DVec3, direction: DVec3) -> Option<Hit> {
         let [a, b, c] = self.corners[triangle];
         let (ab, ac) = (b - a, c - a);

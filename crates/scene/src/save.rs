@@ -84,6 +84,9 @@ impl Scene {
     ///
     /// The formats impose two changes. Characters of a material name that MTL would misread (a line break, a `#` after a
     /// blank) become `_`. Meshes that share vertices get copies of their own.
+    ///
+    /// # Errors
+    /// Fails if a file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), OutputError> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let stem = readable(&stem);

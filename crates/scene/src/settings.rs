@@ -91,7 +91,8 @@ pub enum Lamps {
     Auto,
     /// With exact visibility: shadows are as sharp as they are.
     Exact,
-    /// The same, but by rays where a lamp is seen between many blockers: with noise, and without derivatives by positions.
+    /// With exact visibility, except where a lamp is seen between many blockers: there by rays, with noise,
+    /// and without derivatives by positions.
     Sampled,
     /// Like all other light, through bins.
     Antiradiance,
@@ -231,7 +232,7 @@ pub struct SolveSettings {
     pub precision: Precision,
     /// How light from far triangles is summed up.
     pub transport: Transport,
-    /// Where light is computed.
+    /// The backend that computes light.
     pub backend: BackendChoice,
 }
 
@@ -274,7 +275,10 @@ impl Choice {
     /// Nothing is open.
     pub const STATED: Self = Self::Open { bins: false, near_field: false };
 
-    /// An error if the target error is out of range.
+    /// Checks the target error, if there is one.
+    ///
+    /// # Errors
+    /// Fails if it does not lie between 0 and 1.
     pub fn check(self) -> Result<(), SceneError> {
         match self {
             Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::SolveSettings {
@@ -286,7 +290,10 @@ impl Choice {
 }
 
 impl SolveSettings {
-    /// An error if a number is out of range.
+    /// Checks the numbers of the settings.
+    ///
+    /// # Errors
+    /// Fails if one is out of range.
     pub fn check(&self) -> Result<(), SceneError> {
         self.validate().map_err(|message| SceneError::SolveSettings { message })
     }

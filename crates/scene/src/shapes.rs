@@ -29,7 +29,8 @@ pub enum Shape {
         #[serde(default = "one")]
         cells: u32,
     },
-    /// The same for thin plates: `cells` x `cells` squares on the sides y = 0 and y = 1, `cells` x 1 on the other four.
+    /// The unit cube [0, 1]³ facing outwards, for thin plates: `cells` x `cells` squares on the sides y = 0
+    /// and y = 1, `cells` x 1 on the other four.
     Slab {
         /// Squares along a side.
         #[serde(default = "one")]

@@ -41,14 +41,18 @@ pub struct Sky {
 }
 
 impl Sky {
-    /// The same radiance from everywhere, W/(m² sr).
+    /// A sky of equal radiance from all directions, W/(m² sr).
     pub fn uniform(radiance: [f64; 3]) -> Self {
         Self { squares: 1, radiance: vec![radiance; 6] }
     }
 
-    /// Reads an equirectangular picture, PNG or JPEG in sRGB, Radiance HDR or OpenEXR: its upper edge is +y, its middle −z, and +x is
-    /// to the right of that. Its light is that of the file, in W/(m² sr), times `scale`; over each square, the mean over its
-    /// directions. The error says what is wrong, without the file.
+    /// Reads an equirectangular picture, PNG or JPEG in sRGB, Radiance HDR or OpenEXR: its upper edge is +y,
+    /// its middle −z, and +x is to the right of that. Its light is that of the file, in W/(m² sr), times
+    /// `scale`; over each square, the mean over its directions.
+    ///
+    /// # Errors
+    /// Fails if the picture cannot be read or decoded, or if its radiance is negative or not finite. The
+    /// error says what is wrong, without the file.
     pub fn read(path: &Path, scale: [f64; 3]) -> Result<Self, String> {
         let bytes = read_picture(path)?;
         let linear = matches!(image::guess_format(&bytes), Ok(ImageFormat::OpenExr | ImageFormat::Hdr));
@@ -60,7 +64,10 @@ impl Sky {
         sky.check().map(|()| sky)
     }
 
-    /// An error unless all radiance is finite and not negative.
+    /// Checks the radiance of all squares.
+    ///
+    /// # Errors
+    /// Fails unless all radiance is finite and not negative.
     pub fn check(&self) -> Result<(), String> {
         let wrong = self.radiance.iter().flatten().find(|l| !(**l >= 0.0 && l.is_finite()));
         wrong.map_or(Ok(()), |l| Err(format!("has a radiance of {l}; it must be finite and 0 or more")))

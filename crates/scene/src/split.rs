@@ -50,8 +50,8 @@ impl Scene {
         }
     }
 
-    /// The same scene with an emission per triangle, RGB, W/(m² sr), in the scene's order; triangles beyond its end keep
-    /// theirs. Each triangle then has a material of its own, with the old name.
+    /// A copy of the scene with an emission per triangle, RGB, W/(m² sr), in the scene's order; triangles
+    /// beyond its end keep theirs. Each triangle then has a material of its own, with the old name.
     pub fn with_emission(&self, emission: &[[f64; 3]]) -> Self {
         let own = |i: usize| {
             let old = self.material(i);

@@ -108,6 +108,10 @@ fn upwards() -> DVec3 {
 
 impl CameraTable {
     /// The camera, with its field of view converted to horizontal.
+    ///
+    /// # Errors
+    /// Fails unless exactly one field of view is given. Fails also if the vertical one is not between 0 and
+    /// 180 degrees, or if it is given with a height of 0.
     pub fn camera(&self, name: String, place: Place) -> Result<Camera, SceneError> {
         let fov_x_degrees = match (self.fov_x_degrees, self.fov_y_degrees) {
             (Some(x), None) => x,
@@ -175,6 +179,9 @@ impl SettingsTable {
 
 impl SettingsTable {
     /// Which settings are left open. A target error excludes the settings that are chosen for it.
+    ///
+    /// # Errors
+    /// Fails if a target error is given along with a setting that is chosen for it.
     pub fn choice(&self) -> Result<Choice, String> {
         let stated = [
             ("bins", self.bins.is_some()),

@@ -41,7 +41,7 @@ pub(super) struct Texel {
 #[derive(Clone, Debug)]
 pub(super) struct Map {
     pub texture: Arc<Texture>,
-    /// From the texture coordinates of faces to those of the picture.
+    /// Maps the texture coordinates of faces to those of the picture.
     pub place: DAffine2,
 }
 
@@ -50,7 +50,7 @@ pub(super) struct Map {
 pub(super) enum Encoding {
     /// sRGB, for colours.
     Srgb,
-    /// For other quantities.
+    /// Linear, for other quantities.
     Linear,
 }
 
@@ -78,12 +78,19 @@ pub(super) fn linear_from_srgb(x: f64) -> f64 {
 }
 
 impl Texture {
-    /// Reads a PNG or JPEG, and no other kind. The error says what is wrong, without the file.
+    /// Reads a PNG or JPEG; `None` for files of other kinds.
+    ///
+    /// # Errors
+    /// Fails if the file cannot be read, or is a PNG or JPEG that cannot be decoded. The error says what is
+    /// wrong, without the file.
     pub fn read(path: &Path, encoding: Encoding) -> Result<Option<Self>, String> {
         Self::decode(&read_picture(path)?, encoding)
     }
 
-    /// The same from its bytes.
+    /// Decodes the bytes of a PNG or JPEG; `None` for other kinds.
+    ///
+    /// # Errors
+    /// Fails if a PNG or JPEG cannot be decoded.
     pub fn decode(bytes: &[u8], encoding: Encoding) -> Result<Option<Self>, String> {
         match image::guess_format(bytes) {
             Ok(ImageFormat::Png | ImageFormat::Jpeg) => Ok(Some(Self::of(decode_picture(bytes)?, encoding))),

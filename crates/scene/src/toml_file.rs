@@ -29,6 +29,9 @@ impl<'a> TomlFile<'a> {
     }
 
     /// Deserialises the file. An unknown key is an error that names the closest known one.
+    ///
+    /// # Errors
+    /// Fails if the text is no TOML, or does not fit the type; the error names the line.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
         toml::from_str(&self.text).map_err(|error: toml::de::Error| {
             self.place(error.span().unwrap_or(0..0)).error(one_line(error.message()))

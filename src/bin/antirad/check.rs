@@ -5,21 +5,24 @@ use crate::settings::MeshSettings;
 use antirad::cli::{Interrupt, Working};
 use antirad::plan::PlanOptions;
 use antirad::scene::Transport;
-use antirad::warnings::{Warning, Warnings};
+use antirad::warnings::{MATTERS, Warning, Warnings};
 use clap::Args;
 use serde::Serialize;
 
 #[derive(Args)]
 #[command(after_help = "Examples:
   antirad check scenes/cornell_boxes.toml
-  antirad check room.obj --bins concentric:12 --json")]
+  antirad check room.obj --bins concentric:12 --all")]
 pub struct Arguments {
     #[command(flatten)]
     settings: MeshSettings,
     /// How the solve sums up light from far triangles: the slower, the more may be spent on exact lamps, as with `antirad render`
     #[arg(long, value_name = "TRANSPORT")]
     transport: Option<Transport>,
-    /// Print the warnings as JSON
+    /// Print all that was found, not only what may change the answer by more than 1 % of its light
+    #[arg(long)]
+    all: bool,
+    /// Print all that was found as JSON
     #[arg(long)]
     json: bool,
 }
@@ -52,7 +55,17 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> 
         };
         antirad::say!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        antirad::say!("{}: {} triangles, {bins} bins\n\n{warnings}", scene.name, scene.triangles.len());
+        let shown = if arguments.all {
+            warnings.clone()
+        } else {
+            Warnings { list: warnings.above(MATTERS).cloned().collect() }
+        };
+        antirad::say!("{}: {} triangles, {bins} bins\n\n{shown}", scene.name, scene.triangles.len());
+        let rest: Vec<&str> =
+            warnings.list.iter().filter(|w| !shown.list.contains(w)).map(|w| w.kind.name()).collect();
+        if !rest.is_empty() {
+            antirad::say!("\nbelow 1 % of the light each: {} (--all)", rest.join(", "));
+        }
     }
     Ok(())
 }

@@ -19,7 +19,8 @@ pub struct Finer {
 }
 
 impl Finer {
-    /// The same if the mesh is [far too coarse](too_coarse), with at most [`UNASKED`] more triangles.
+    /// Cuts triangles if the mesh is [far too coarse](too_coarse), which adds at most [`UNASKED`]; else
+    /// `None`.
     pub fn where_coarse(
         scene: &mut Scene,
         max_triangles: usize,
@@ -42,7 +43,8 @@ impl Finer {
         Ok(finer)
     }
 
-    /// Also tells whether `max_triangles` prevented further cuts.
+    /// Cuts triangles where the mesh is too coarse for shadows, and tells whether `max_triangles` prevented
+    /// further cuts.
     fn cut(scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> Result<(Self, bool), Failure> {
         let _working = Working::on("refining the mesh");
         let areas: Vec<f64> = (0..scene.triangles.len()).map(|t| scene.area_vector(t).length()).collect();

@@ -18,7 +18,7 @@ use antirad::scene::{Camera, Choice, Precision, Scene};
 use antirad::target_error::{
     Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
 };
-use antirad::warnings::{Kind, Warnings};
+use antirad::warnings::{Kind, MATTERS, Warning, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
@@ -161,8 +161,10 @@ pub fn run(
     write_rows(&directory, "irradiance.npy", &irradiance, scene.settings.precision)?;
     write_rows(&directory, "radiosity.npy", &radiosity, scene.settings.precision)?;
     stages.end("write");
-    for warning in answer.warnings.list.iter().filter(|warning| warning.severe) {
-        tracing::warn!("{}: {}; remedy: {}", warning.kind.name(), warning.message, warning.remedy);
+    let least = arguments.target_error.map_or(MATTERS, |error| error.min(MATTERS));
+    for warning in answer.warnings.above(least) {
+        let (kind, Warning { message, effect, remedy, .. }) = (warning.kind.name(), warning);
+        tracing::warn!("{kind}: {message}; effect: {effect}; remedy: {remedy}");
     }
     let report = Report {
         scene: arguments.settings.mesh.file.scene.display().to_string(),
@@ -468,8 +470,9 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     if negative.triangles > 0 {
         antirad::say!("negative    {} triangles, down to {:.3e} W/m²", negative.triangles, negative.minimum);
     }
-    if !report.accuracy_warnings.is_empty() {
-        let each = report.accuracy_warnings.iter().map(|w| format!("{} ({})", w.kind.name(), w.count));
+    let told = || report.accuracy_warnings.iter().filter(|warning| warning.effect.exceeds(MATTERS));
+    if told().next().is_some() {
+        let each = told().map(|w| format!("{} ({})", w.kind.name(), w.count));
         antirad::say!("warnings    {}: see `antirad check`", each.collect::<Vec<_>>().join(", "));
     }
     antirad::say!(

@@ -34,7 +34,7 @@ pub struct Report {
     /// Number of triangles of the given mesh, if it was too coarse for shadows and cut.
     pub given_triangles: Option<usize>,
     pub memory: MemoryUse,
-    /// Of each process that worked on the scene.
+    /// Report of each process that worked on the scene.
     pub ranks: Vec<RankReport>,
     pub solve: SolveReport,
     /// RGB, W.
@@ -81,7 +81,7 @@ pub struct RankReport {
 }
 
 impl RankReport {
-    /// Those of all processes, which must ask at once.
+    /// Reports of all processes, which must ask at once.
     pub fn of_all(backend: &Backend, solve: f64) -> Result<Vec<Self>, RankError> {
         let [sent, received] = backend.ranks().moved();
         let profile = backend.profile();

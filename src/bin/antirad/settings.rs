@@ -83,7 +83,7 @@ impl MeshSettings {
         Ok(settled(self.load()?, interrupt))
     }
 
-    /// The same with its plan.
+    /// The scene with the usual settings, and its plan.
     pub fn load_planned(
         &self,
         transport: Option<Transport>,
@@ -125,7 +125,7 @@ pub struct SceneSettings {
 }
 
 impl SceneSettings {
-    /// As [`MeshSettings::load`].
+    /// The scene, with the settings of its file where the command line states none.
     pub fn load(&self) -> Result<Scene, Failure> {
         let mut scene = self.mesh.load()?;
         let file = scene.settings;
@@ -142,12 +142,12 @@ impl SceneSettings {
         Ok(scene)
     }
 
-    /// As [`MeshSettings::load_settled`].
+    /// The scene with the usual settings, for commands that do not solve to a target error.
     pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
         Ok(settled(self.load()?, interrupt))
     }
 
-    /// The same with its plan, by options for the scene.
+    /// The scene with the usual settings, and its plan by options for the scene.
     pub fn load_planned(
         &self,
         options: impl FnOnce(&Scene) -> PlanOptions,

@@ -73,13 +73,15 @@ impl Bins {
         (self.centre[b] + self.centre[o]).normalize_or_zero().z.max(0.0)
     }
 
-    /// T_b(ω): the four taps of a direction of the upper hemisphere. Defined everywhere: at the pole, on the horizon
-    /// (directions below it count as on it).
+    /// T_b(ω): the four bins around a direction of the upper hemisphere, with their bilinear weights. Defined
+    /// everywhere: at the pole, and on the horizon (directions below it count as on it).
     pub fn taps<V: Vector>(&self, direction: V) -> Taps<V::Scalar> {
         self.taps_beside(POLE, direction)
     }
 
-    /// The same where rounding hides the azimuth of sines up to `pole`, and must not choose one: as the kernels have it.
+    /// Bilinear weights as [`Self::taps`] returns them, but in the equal-angle layout directions whose
+    /// horizontal length is at most `pole` count as the pole: rounding hides their azimuth and must not
+    /// choose one. Kernels do the same.
     pub(crate) fn taps_beside<V: Vector>(&self, pole: f64, direction: V) -> Taps<V::Scalar> {
         let (row, column, columns) = match self.layout {
             BinLayout::EqualAngle { theta, phi } => {
@@ -293,7 +295,7 @@ mod tests {
         }
     }
 
-    /// The taps of a direction, and the gradient of a sum over them by the direction.
+    /// A sum over the bilinear weights of a direction, and its gradient by the direction.
     fn read(bins: &Bins, direction: DVec3) -> (f64, DVec3) {
         let value_of = |bin: usize| (bin as f64 * 1.7).sin();
         let taps = bins.taps(DualVector::<3>::variable(direction, 0));

@@ -12,7 +12,8 @@ pub struct Piece {
     pub front: bool,
     /// Blended projected solid angle for uniform radiance, sr. Zero from the back.
     pub diffuse: f64,
-    /// The same for radiance that varies with direction; zero where the source has none on this side.
+    /// Blended projected solid angle for radiance that varies with direction, sr; zero where the source has
+    /// none on this side.
     pub binned: f64,
 }
 
@@ -22,7 +23,7 @@ pub struct ClosePair<'a> {
     pub source: &'a Facet,
     /// The triangle that receives.
     pub receiver: &'a Facet,
-    /// That of the source.
+    /// Class of the source.
     pub class: Class,
     /// Whether the receiver keeps irradiance per bin.
     pub receiver_bins: bool,
@@ -70,7 +71,7 @@ impl ClosePair<'_> {
         }
     }
 
-    /// From the quarters of a quarter to those of another.
+    /// Visits the pieces from the quarters of one quarter to those of another.
     fn finer(&self, from: [DVec3; 3], to: [DVec3; 3], weight: f64, visit: &mut impl FnMut(Piece)) {
         for to in quarters(to) {
             let point = centroid(to);

@@ -21,7 +21,7 @@ pub struct Facet<V: Vector = DVec3> {
 }
 
 impl Facet {
-    /// From corners in any unit of length; areas are in its square.
+    /// The facet of three corners in any unit of length; areas are in its square.
     pub fn new(corners: [DVec3; 3]) -> Self {
         let [a, b, c] = corners;
         let cross = (b - a).cross(c - a);

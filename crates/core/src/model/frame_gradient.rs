@@ -3,7 +3,7 @@
 use super::facet::{basis_sign, orthonormal_basis};
 use glam::DVec3;
 
-/// From the gradient with respect to d/|d| to that with respect to d, `unit` being d/|d|.
+/// The gradient with respect to d, from that with respect to d/|d|. `unit` is d/|d|, `length` is |d|.
 pub fn pull_unit(unit: DVec3, length: f64, gradient: DVec3) -> DVec3 {
     (gradient - unit * unit.dot(gradient)) / length
 }
@@ -16,8 +16,8 @@ pub struct FrameGradient {
     pub normal: DVec3,
 }
 
-/// From the gradient with respect to Rᵀd to those with respect to d and n, with R(n) the frame of [`orthonormal_basis`]. The sign
-/// in the frame is held constant, since the frame jumps where it changes.
+/// The gradients with respect to d and n, from that with respect to Rᵀd, where R(n) is the frame of
+/// [`orthonormal_basis`]. The sign in the frame is held constant, since the frame jumps where it changes.
 pub fn pull_local(n: DVec3, d: DVec3, local: DVec3) -> FrameGradient {
     let sign = basis_sign(n);
     let a = -1.0 / (sign + n.z);

@@ -1,4 +1,5 @@
-//! A binary tree over runs of neighbouring triangles: a test that holds for a whole branch skips its leaves.
+//! A binary tree over ranges of neighbouring triangles: a test that holds for a whole branch skips its
+//! leaves.
 
 use super::facet::Facet;
 use super::order::{BoundedRun, PADDING};
@@ -8,13 +9,13 @@ use std::ops::Range;
 
 /// Fraction of the tolerance by which bounds must clear it, so that their rounding decides nothing.
 const MARGIN: f64 = 1e-3;
-/// The same as a fraction of the largest coordinate.
+/// Rounding of bounds as a fraction of the largest coordinate, which they must clear, too.
 const ROUNDING: f64 = 1e-13;
 
 /// Leaves of a branch that is built by one thread.
 const ALONE: usize = 1024;
 
-/// A branch of the tree, or a leaf: a run of leaves, and bounds of their triangles.
+/// A branch of the tree, or a leaf: a range of leaves, and bounds of their triangles.
 #[derive(Clone, Debug)]
 pub struct Node {
     /// Its leaves.
@@ -49,7 +50,8 @@ pub struct Hierarchy {
     margin: f64,
 }
 
-/// Input of a tree: the triangle of each slot, or [`PADDING`], slots per leaf, and where to cut a run of leaves.
+/// Input of a tree: the triangle of each slot, or [`PADDING`], slots per leaf, and where to cut a range of
+/// leaves.
 struct Source<'a, S> {
     facets: &'a [Facet],
     order: &'a [u32],
@@ -109,13 +111,14 @@ impl<S: Fn(&Range<usize>) -> usize + Sync> Source<'_, S> {
 }
 
 impl Hierarchy {
-    /// A tree over runs of `leaf` slots of an order, cut in the middle. `tolerance`: greatest height above a plane that
-    /// counts as in it.
+    /// A tree whose leaves are ranges of `leaf` slots of an order, cut in the middle. `tolerance`: greatest
+    /// height above a plane that counts as in it.
     pub fn new(facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
         Self::cut_by(facets, order, leaf, tolerance, |leaves| leaves.start.midpoint(leaves.end))
     }
 
-    /// The same, where `cut` says which leaf of a run of two or more begins the second branch.
+    /// A tree over runs of `leaf` slots of an order; `cut` says which leaf of a run of two or more begins the
+    /// second branch. `tolerance`: greatest height above a plane that counts as in it.
     pub fn cut_by(
         facets: &[Facet],
         order: &[u32],
@@ -131,7 +134,7 @@ impl Hierarchy {
         Self::bounded(nodes, tolerance)
     }
 
-    /// The same branches around triangles that have moved.
+    /// A tree with the same branches, bounded around triangles that have moved.
     pub fn around_moved(&self, facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
         let source = Source { facets, order, leaf, cut: () };
         let moved = |node: &Node| Node { next: node.next, ..source.node(node.leaves.clone()) };
@@ -223,7 +226,7 @@ impl Hierarchy {
 }
 
 impl Node {
-    /// Its slots of an order with `leaf` slots per leaf.
+    /// The entries of an order with `leaf` slots per leaf that belong to this node.
     pub fn slots<'a>(&self, leaf: usize, order: &'a [u32]) -> &'a [u32] {
         &order[self.leaves.start * leaf..(self.leaves.end * leaf).min(order.len())]
     }

@@ -1,4 +1,4 @@
-//! Where the near field ends: the range and the blend weight that all kernels and their twins share. Twin of
+//! Range and blend weight of the near field, which all kernels and their twins share. Twin of
 //! crates/core/glsl/near_field.glsl.
 
 use super::scalar::Scalar;

@@ -4,7 +4,8 @@ use super::facet::Facet;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// By facet, the first facet of the object that it belongs to. Facets hang together where corners are at the same place.
+/// Per facet, the first facet of the object that it belongs to. Facets hang together where corners are at the
+/// same place.
 pub fn objects(facets: &[Facet]) -> Vec<u32> {
     let mut corners: Vec<([u64; 3], u32)> = facets
         .par_iter()

@@ -8,8 +8,9 @@ use glam::DVec3;
 /// ∫ cosθ dω over a triangle seen from `point` with normal `normal`, clipped at the horizon, in [0, π] sr, by Lambert's
 /// polygon formula. Independent of the triangle's orientation.
 ///
-/// Where a side ends in the horizon does not matter to the derivative, since cosθ = 0 there: the share of the side that is above is
-/// held fixed, which avoids the slope of a quotient of two heights that may vanish together.
+/// The derivative does not depend on where a side ends in the horizon, since cosθ = 0 there: the share of the
+/// side that is above is held fixed, which avoids the slope of a quotient of two heights that may vanish
+/// together.
 pub fn projected_solid_angle<V: Vector>(point: V, normal: V, corners: [V; 3]) -> V::Scalar {
     let corner = corners.map(|c| c - point);
     let height = corner.map(|c| c.value().dot(normal.value()));
@@ -40,7 +41,8 @@ pub fn projected_solid_angle<V: Vector>(point: V, normal: V, corners: [V; 3]) ->
     (sum * 0.5).abs()
 }
 
-/// The same for the quarters of a triangle, in the order of [`quarters`]: of their twelve sides, nine are different.
+/// Projected solid angles of the quarters of a triangle, sr, in the order of [`quarters`]. Of their twelve
+/// sides, nine are different.
 pub(crate) fn projected_quarters(point: DVec3, normal: DVec3, corners: [DVec3; 3]) -> [f64; 4] {
     let [a, b, c] = corners.map(|corner| corner - point);
     let lowest = a.dot(normal).min(b.dot(normal)).min(c.dot(normal));

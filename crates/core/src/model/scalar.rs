@@ -24,7 +24,7 @@ impl<Left, Right> Arithmetic<Right> for Left where
 pub trait Scalar:
     Copy + From<f64> + PartialOrd<f64> + Neg<Output = Self> + Arithmetic<Self> + Arithmetic<f64>
 {
-    /// Without derivatives.
+    /// The number without its derivatives.
     fn value(self) -> f64;
 
     /// A function of this number, by its value and its slope here.
@@ -94,12 +94,12 @@ impl Scalar for f64 {
 pub struct Dual<const N: usize> {
     /// The number.
     pub value: f64,
-    /// Its derivatives.
+    /// Derivatives of the number by each of the N others.
     pub slopes: [f64; N],
 }
 
 impl<const N: usize> Dual<N> {
-    /// The number by which others are derived as the one of an index.
+    /// A number that is itself the variable `index`: its derivative by that is 1, by all others 0.
     #[inline]
     pub fn variable(value: f64, index: usize) -> Self {
         Self { value, slopes: std::array::from_fn(|k| f64::from(u8::from(k == index))) }

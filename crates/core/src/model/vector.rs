@@ -15,16 +15,16 @@ pub trait Vector:
     + Mul<f64, Output = Self>
     + Div<f64, Output = Self>
 {
-    /// Its numbers.
+    /// Type of the coordinates.
     type Scalar: Scalar;
 
-    /// From its coordinates.
+    /// The vector with the given coordinates.
     fn from_array(coordinates: [Self::Scalar; 3]) -> Self;
 
-    /// Its coordinates.
+    /// The three coordinates.
     fn to_array(self) -> [Self::Scalar; 3];
 
-    /// Without derivatives.
+    /// The vector without derivatives.
     #[inline]
     fn value(self) -> DVec3 {
         DVec3::from_array(self.to_array().map(Scalar::value))

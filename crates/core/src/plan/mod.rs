@@ -542,6 +542,12 @@ impl Plan {
         self.placement
     }
 
+    /// Number of lamps, exact or not.
+    #[doc(hidden)]
+    pub fn emitters(&self) -> usize {
+        self.emitters
+    }
+
     /// Classes; index = triangle of the scene.
     #[doc(hidden)]
     pub fn classes(&self) -> &[Class] {

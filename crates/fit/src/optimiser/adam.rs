@@ -69,6 +69,9 @@ impl Adam {
     }
 
     /// One step: one evaluation, two for the first, more if the objective is not finite.
+    ///
+    /// # Errors
+    /// Fails if the objective fails, is not finite at the start, or returns a gradient of the wrong length.
     pub fn step<E>(&mut self, objective: &mut Objective<E>) -> Result<Step, StepError<E>> {
         let mut evaluations = 0;
         let here = match &self.point {

@@ -67,6 +67,10 @@ impl LeastSquares {
     ///
     /// `objective` is evaluated at the start, every 25 steps, and where the value has fallen a thousandfold; `curvature` computes the
     /// products.
+    ///
+    /// # Errors
+    /// Fails if the objective or a product with the Hessian fails, is not finite at the start, or has the
+    /// wrong length.
     pub fn step<E>(
         &mut self,
         objective: &mut Objective<E>,

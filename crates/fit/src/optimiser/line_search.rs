@@ -9,7 +9,7 @@ const MAX_EVALUATIONS: u32 = 15;
 /// Trial steps keep at least this fraction of the interval from its ends.
 const MARGIN: f64 = 0.1;
 
-/// From `from` along `direction`.
+/// The line from `from` along `direction`.
 pub(super) struct Line<'a> {
     pub from: &'a Point,
     pub direction: &'a [f64],
@@ -42,7 +42,10 @@ impl Line<'_> {
         x
     }
 
-    /// Starts with a step of `first`.
+    /// Searches along the line, starting with a step of `first`.
+    ///
+    /// # Errors
+    /// Fails if the objective fails, or returns a gradient of the wrong length.
     pub fn search<E>(&self, first: f64, objective: &mut Objective<E>) -> Result<Found, StepError<E>> {
         let start =
             End { step: 0.0, value: self.from.value, slope: dot(&self.from.gradient, self.direction) };

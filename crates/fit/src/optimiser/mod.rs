@@ -30,9 +30,9 @@ pub type Hessian<'a, E> = dyn FnMut(&[f64]) -> Result<Option<KnownHessian>, E> +
 /// What is known of a Hessian.
 #[derive(Clone, Debug, PartialEq)]
 pub enum KnownHessian {
-    /// All of it, row by row.
+    /// The whole Hessian, row by row.
     Whole(Vec<f64>),
-    /// Its diagonal, not negative; 0 where nothing is known. The optimiser starts from it.
+    /// The diagonal of the Hessian, not negative; 0 where nothing is known. The optimiser starts from it.
     Diagonal(Vec<f64>),
 }
 
@@ -46,13 +46,13 @@ pub enum StepError<E> {
     )]
     /// The objective is not finite at the start.
     Start {
-        /// Its value there.
+        /// Value of the objective at the start.
         value: f64,
     },
     /// A gradient or product has the wrong length.
     #[error("{got} derivatives for {expected} unknowns: a defect of the objective")]
     Length {
-        /// Its length.
+        /// Length of the gradient or product.
         got: usize,
         /// The number of unknowns.
         expected: usize,
@@ -175,6 +175,9 @@ pub enum Optimiser {
 
 impl Optimiser {
     /// One step. Only [`LeastSquares`] uses `curvature`, only [`QuasiNewton`] `hessian`.
+    ///
+    /// # Errors
+    /// Fails as the `step` of that optimiser does.
     pub fn step<E>(
         &mut self,
         objective: &mut Objective<E>,

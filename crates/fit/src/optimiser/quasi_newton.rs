@@ -68,6 +68,10 @@ impl QuasiNewton {
 
     /// One step towards the minimum of the model, usually with one evaluation, two for the first. `hessian` is called at the
     /// point evaluated last.
+    ///
+    /// # Errors
+    /// Fails if the objective or the Hessian fails, if the objective is not finite at the start, or if a
+    /// gradient has the wrong length.
     pub fn step<E>(
         &mut self,
         objective: &mut Objective<E>,

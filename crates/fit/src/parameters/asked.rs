@@ -64,7 +64,7 @@ pub struct Fit {
     pub together: bool,
     /// Lower bound in the unit of the quantity; for positions, of the displacement from the scene, m.
     pub lower: Option<[f64; 3]>,
-    /// Upper bound, likewise.
+    /// Upper bound, in the same unit as the lower one.
     pub upper: Option<[f64; 3]>,
     /// Initial value; `None`: that of the scene.
     pub initial: Option<[f64; 3]>,

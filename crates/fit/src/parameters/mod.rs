@@ -92,7 +92,12 @@ pub struct Parameters {
 const CHECKED_POWER: f64 = 1e5;
 
 impl Parameters {
-    /// `brightness`: a typical radiance of lamps, W/(m² sr), the scale of emissions.
+    /// The unknowns of some fits to a scene. `brightness`: a typical radiance of lamps, W/(m² sr), the scale
+    /// of emissions.
+    ///
+    /// # Errors
+    /// Fails if a fit selects nothing in the scene or what cannot be fitted, if fits overlap, or if an
+    /// initial value or a bound is invalid.
     pub fn new(scene: &Scene, fits: &[Fit], brightness: f64) -> Result<Self, ParameterError> {
         let selected: Vec<Selected> = fits
             .iter()

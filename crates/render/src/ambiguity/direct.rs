@@ -24,6 +24,9 @@ fn black_materials() -> Vec<Material> {
 
 impl DirectLight {
     /// Plans and allocates an engine. `watch` is called after every pass and can interrupt the solve.
+    ///
+    /// # Errors
+    /// Fails if the scene cannot be planned, or if the backend lacks memory or a feature.
     pub fn new(backend: &Backend, scene: &Scene, watch: &Watch) -> Result<Self, AmbiguityError> {
         let mut scene = Scene { materials: black_materials(), ..scene.clone() };
         // Each channel occurs once, so that the plan has three.
@@ -46,6 +49,9 @@ impl DirectLight {
     }
 
     /// Irradiance on all triangles, W/m², from `emission` (radiance per triangle, RGB, W/(m² sr)).
+    ///
+    /// # Errors
+    /// Fails if the solve does not converge or `watch` interrupts it, or if the backend fails.
     pub fn irradiance(&mut self, emission: &[[f64; 3]]) -> Result<Vec<[f64; 3]>, AmbiguityError> {
         // Triangles of one colour share a material.
         let mut materials = black_materials();
@@ -63,6 +69,9 @@ impl DirectLight {
 
     /// Irradiance on all triangles (rows) per radiance of each of `sources` (columns), sr. `progress` receives the number of
     /// finished columns.
+    ///
+    /// # Errors
+    /// Fails if a solve does not converge or `watch` interrupts it, or if the backend fails.
     pub fn columns(
         &mut self,
         sources: &[usize],

@@ -33,6 +33,10 @@ pub struct FirstBounce {
 
 impl FirstBounce {
     /// Renders both scenes and compares them; `None` if no light is hidden.
+    ///
+    /// # Errors
+    /// Fails if the scene cannot be planned, if a solve does not converge or `watch` interrupts it, or if the
+    /// backend fails.
     pub fn new(
         backend: &Backend,
         scene: &Scene,

@@ -69,7 +69,7 @@ pub struct Polytope {
     /// The known explanation e*, per triangle of the scene.
     emission: Vec<f64>,
     areas: Vec<f64>,
-    /// Of the Gram matrix of a basis of the changes that pictures do not show.
+    /// Cholesky factor of the Gram matrix of a basis of the changes that pictures do not show.
     gram: Cholesky<f64, Dyn>,
     /// The most negative entry of s relative to its mean, or zero: the discretisation error in shadows.
     pub lowest: f64,
@@ -94,7 +94,10 @@ pub struct Given<'a> {
 }
 
 impl Polytope {
-    /// Computes A and s. Fails if interreflection between unseen triangles does not converge.
+    /// Computes A and s.
+    ///
+    /// # Errors
+    /// Fails if interreflection between unseen triangles does not converge.
     pub fn new(given: &Given) -> Result<Self, PolytopeError> {
         let Given { direct, albedo, emission, areas, .. } = *given;
         let unseen = given.unseen.to_vec();
@@ -168,6 +171,9 @@ impl Polytope {
 
     /// The interval of a seen triangle (by its index in the scene); `None` if it is not seen. The upper end is its emission when
     /// no unseen triangle emits; the lower end takes a linear program: maximise (A e_u)_k within the polytope.
+    ///
+    /// # Errors
+    /// Fails if the linear program has no solution, or is not solved to the end.
     pub fn seen_interval(&self, triangle: usize) -> Result<Option<Interval>, PolytopeError> {
         let Ok(k) = self.seen.binary_search(&triangle) else { return Ok(None) };
         let mut program = microlp::Problem::new(microlp::OptimizationDirection::Maximize);

@@ -13,6 +13,9 @@ pub struct Views {
 
 impl Views {
     /// Rasterises each camera's view with `supersample` x `supersample` samples per pixel.
+    ///
+    /// # Errors
+    /// Fails if the scene, a camera or `supersample` is invalid, or if the device fails.
     pub fn new(
         rasterizer: &Rasterizer,
         scene: &Scene,

@@ -168,7 +168,7 @@ fn material(material: &Material) -> Value {
     value
 }
 
-/// From the camera's axes, with the view along -z, to the scene's, column by column.
+/// The matrix from the camera's axes, with the view along -z, to the scene's, column by column.
 fn place(camera: &Camera) -> [f64; 16] {
     let ahead = (camera.target - camera.position).normalize_or(DVec3::NEG_Z);
     let right = ahead.cross(camera.up).normalize_or(DVec3::X);

@@ -35,6 +35,9 @@ impl Format {
 /// not take.
 ///
 /// Positions are written in single precision, save in PLY.
+///
+/// # Errors
+/// Fails if a file cannot be written.
 pub fn export(
     scene: &Scene,
     format: Format,

@@ -6,14 +6,20 @@ use std::collections::HashMap;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// The scene as one mesh whose faces have linear colours: their light, or else their albedo.
+/// Writes the scene as one mesh whose faces have linear colours: their light, or else their albedo.
+///
+/// # Errors
+/// Fails if the file cannot be written.
 pub fn write_scene(scene: &Scene, path: &Path, light: Option<&[[f64; 3]]>) -> Result<(), OutputError> {
     let colour = |t: usize| light.map_or_else(|| scene.material(t).diffuse_albedo(), |light| light[t]);
     let triangles: Vec<usize> = (0..scene.triangles.len()).collect();
     write(scene, path, &triangles, Some(&colour))
 }
 
-/// Some triangles of a scene, with the vertices that they use.
+/// Writes some triangles of a scene, with the vertices that they use.
+///
+/// # Errors
+/// Fails if the file cannot be written.
 pub fn write(
     scene: &Scene,
     path: &Path,

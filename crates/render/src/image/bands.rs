@@ -16,9 +16,9 @@ const BAND_SAMPLES: u64 = 1 << 20;
 pub(super) struct Grid {
     /// Samples along a side of a pixel, a power of two.
     pub side: u32,
-    /// In samples.
+    /// Width in samples.
     pub width: u32,
-    /// In samples.
+    /// Height in samples.
     pub height: u32,
     /// Tile rows in all bands but the last.
     band_tile_rows: u32,
@@ -39,7 +39,7 @@ impl Grid {
         Self { side, width, height, band_tile_rows }
     }
 
-    /// The same in bands of at most so many rows of tiles.
+    /// This grid in bands of at most so many rows of tiles.
     pub fn bands_up_to(self, tile_rows: u32) -> Self {
         Self { band_tile_rows: self.band_tile_rows.min(tile_rows.max(1)), ..self }
     }

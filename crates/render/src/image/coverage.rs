@@ -113,7 +113,7 @@ impl Coverage {
         size == [grid.width, grid.height] && self.supersample == grid.side && self.triangles == triangles
     }
 
-    /// The same but for the pixels in some tiles, of which `bands` have all, from the top.
+    /// This coverage with the pixels of some tiles taken from `bands`, which have all of those, from the top.
     pub(super) fn with(&self, grid: &Grid, bands: &[(Band, Self)], tiles: &Tiles) -> Self {
         let mut result = Self { counts: Vec::new(), shares: Vec::new(), ..*self };
         let mut before = self.by_pixel();
@@ -159,7 +159,7 @@ impl Coverage {
         self.shares.iter().filter(|share| share.face != BACK).map(|share| share.face as usize)
     }
 
-    /// The same with the share and place of each, in the same order.
+    /// The faces of [`Self::faces`] in the same order, each with its share of the pixel and its place.
     pub fn faces_in_pixels(&self) -> impl Iterator<Item = FaceInPixel> + '_ {
         let (width, side) = (self.width as usize, f64::from(self.supersample));
         let mut shares = self.shares.iter();
@@ -185,8 +185,11 @@ impl Coverage {
         seen
     }
 
-    /// The pixels, row by row from the top: linear RGB, and the share of samples that show a face. `colours`: radiance of the
-    /// front of each triangle, in the scene's order; backs are black. Fails if their number is wrong.
+    /// The pixels, row by row from the top: linear RGB, and the share of samples that show a face. `colours`:
+    /// radiance of the front of each triangle, in the scene's order; backs are black.
+    ///
+    /// # Errors
+    /// Fails if the number of colours is not that of triangles.
     pub fn pixels<C>(&self, colours: &[[C; 3]]) -> Result<Vec<[f64; 4]>, ImageError>
     where
         C: Copy + Into<f64>,
@@ -211,6 +214,9 @@ impl Coverage {
     }
 
     /// [`pixels`](Self::pixels) as a picture, rounded to f32.
+    ///
+    /// # Errors
+    /// Fails as [`pixels`](Self::pixels) does.
     pub fn picture<C>(&self, colours: &[[C; 3]]) -> Result<Picture, ImageError>
     where
         C: Copy + Into<f64>,
@@ -220,9 +226,13 @@ impl Coverage {
         Ok(Picture { width: self.width, height: self.height, pixels })
     }
 
-    /// The derivatives of a loss with respect to the colour of each triangle, in the scene's order: the transpose of
-    /// [`pixels`](Self::pixels), exact up to f64 rounding. `cotangent`: the derivative of the loss with respect to each pixel's
-    /// RGB and alpha, row by row from the top; alpha does not depend on colours. Fails unless there is one per pixel, finite.
+    /// The derivatives of a loss with respect to the colour of each triangle, in the scene's order: the
+    /// transpose of [`pixels`](Self::pixels), exact up to f64 rounding. `cotangent`: the derivative of the
+    /// loss with respect to each pixel's RGB and alpha, row by row from the top; alpha does not depend on
+    /// colours.
+    ///
+    /// # Errors
+    /// Fails unless there is one cotangent per pixel, and all are finite.
     pub fn colour_gradient(&self, cotangent: &[[f64; 4]]) -> Result<Vec<DVec3>, ImageError> {
         check_cotangent(cotangent, self.counts.len())?;
         let mut gradient = vec![DVec3::ZERO; self.triangles];

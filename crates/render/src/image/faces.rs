@@ -38,7 +38,7 @@ pub(super) fn project(scene: &Scene, camera: &Camera) -> Result<Vec<Projected>, 
         .collect())
 }
 
-/// The same faces rounded to what is compared at samples.
+/// The faces, rounded to what is compared at samples.
 pub(super) fn rounded(faces: Vec<Projected>) -> Vec<Projected> {
     faces.into_par_iter().map(Projected::rounded).collect()
 }

@@ -44,10 +44,14 @@ pub struct GeometryGradient {
 /// are exact means over their areas, integrated along `supersample` lines per pixel in each direction, a power of two. The
 /// dependence of the colours themselves on geometry is not included.
 ///
-/// `colours`: radiance of the front of each triangle, in the scene's order. `cotangent`: the derivative of the loss with respect
-/// to each pixel's RGB and alpha, row by row from the top. Fails if the number of either is wrong, or a cotangent is not finite.
+/// `colours`: radiance of the front of each triangle, in the scene's order. `cotangent`: the derivative of
+/// the loss with respect to each pixel's RGB and alpha, row by row from the top.
 ///
 /// The result is reproducible to the last bit. No device is used.
+///
+/// # Errors
+/// Fails if the scene, the camera or `supersample` is invalid, if the number of colours or cotangents is
+/// wrong, or if a cotangent is not finite.
 pub fn geometry_gradient<C>(
     scene: &Scene,
     camera: &Camera,
@@ -66,8 +70,13 @@ where
 /// The colours of the front of a triangle at places of the picture, column and row in pixels from its upper left corner.
 pub type Colours<'a> = dyn Fn(usize, &[[f64; 2]]) -> Vec<[f64; 3]> + Sync + 'a;
 
-/// The same for colours that vary over faces, in shares of some ranks, which all call it. `movable`: indices of the vertices by which derivatives are wanted, and then not those by the
-/// camera, to which all edges contribute; `None`: everything. What is not wanted is zero.
+/// The derivatives of [`geometry_gradient`] for colours that vary over faces, in shares of some ranks, which
+/// must all call it. `movable`: indices of the vertices by which derivatives are wanted; those by the camera,
+/// to which all edges contribute, are then left out. `None`: all derivatives. What is not wanted is zero.
+///
+/// # Errors
+/// Fails if the scene, the camera or `supersample` is invalid, if the number of cotangents is wrong or one is
+/// not finite, or if ranks can no longer work together.
 pub fn geometry_gradient_of(
     ranks: &Ranks,
     scene: &Scene,
@@ -293,7 +302,7 @@ impl Lines {
     }
 }
 
-/// Where a line goes from one visible face to another.
+/// A place on a line where one visible face gives way to another.
 struct Boundary {
     /// The derivative of the loss by the pixel.
     by_pixel: [f64; 4],
@@ -364,7 +373,8 @@ impl FaceAdjoint {
     }
 }
 
-/// From the frame of the view to the scene: the transpose of the derivative of [`View::new`] and of the change of frame.
+/// Takes derivatives from the frame of the view to the scene: the transpose of the derivative of
+/// [`View::new`] and of the change of frame.
 fn to_metres(scene: &Scene, camera: &Camera, view: &View, in_frame: Vec<DVec3>) -> GeometryGradient {
     let mut moved = DVec3::ZERO;
     let [mut of_right, mut of_up, mut of_forward] = [DVec3::ZERO; 3];

@@ -33,6 +33,9 @@ pub struct Picture {
 impl Picture {
     /// Writes an OpenEXR file of linear RGB in 32-bit floats with lossless compression. Alpha is omitted, since viewers would
     /// blend the radiance with it.
+    ///
+    /// # Errors
+    /// Fails if the number of pixels is not width times height, or if the file cannot be written.
     pub fn write_exr(&self, path: impl AsRef<Path>) -> Result<(), ImageError> {
         self.check()?;
         let size = (self.width as usize, self.height as usize);
@@ -58,6 +61,9 @@ impl Picture {
     }
 
     /// Reads the first RGB layer of an OpenEXR file. Alpha is 1 where the file has none.
+    ///
+    /// # Errors
+    /// Fails if the file cannot be read, has no RGB layer, or has too many pixels.
     pub fn read_exr(path: impl AsRef<Path>) -> Result<Self, ImageError> {
         let path = path.as_ref();
         let refused = |reason: String| ImageError::Read { path: path.to_path_buf(), reason };
@@ -92,11 +98,15 @@ impl Picture {
     }
 
     /// Writes a tone-mapped PNG of 8 bits per channel.
+    ///
+    /// # Errors
+    /// Fails if the number of pixels is not width times height, or if the file cannot be written.
     pub fn write_png(&self, path: impl AsRef<Path>, tone: &ToneMap) -> Result<(), ImageError> {
         self.write_png_filtered(path, tone, FilterType::Adaptive)
     }
 
-    /// The same with a choice of filter; pictures of flat colours compress better without one.
+    /// Writes a tone-mapped PNG of 8 bits per channel with a choice of filter; pictures of flat colours
+    /// compress better without one.
     pub fn write_png_filtered(
         &self,
         path: impl AsRef<Path>,

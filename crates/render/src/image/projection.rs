@@ -95,7 +95,7 @@ pub(super) struct Projected {
     pub number: u32,
     pub front: bool,
     pub bounds: Bounds,
-    /// In the frame of the view.
+    /// Corners in the frame of the view.
     pub corners: [DVec3; 3],
     /// Edge functions, non-negative on the triangle: for the edge opposite each corner, the cross product of the two others.
     pub edges: [DVec3; 3],
@@ -103,7 +103,8 @@ pub(super) struct Projected {
 }
 
 impl Projected {
-    /// The same for an f32 kernel: edge functions normalised to absolute coefficients of sum 1, and moved by [`ROUNDING`].
+    /// This face for an f32 kernel: edge functions are normalised to absolute coefficients of sum 1, and
+    /// moved by [`ROUNDING`].
     pub fn rounded(mut self) -> Self {
         self.edges = self.edges.map(|edge| {
             let size = l1(edge);

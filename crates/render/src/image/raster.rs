@@ -42,7 +42,7 @@ impl Rasterizer {
     /// Compiles the kernel, if it takes one. Memory is allocated only while a picture is made.
     ///
     /// # Errors
-    /// Where the kernel cannot be compiled.
+    /// Fails if the kernel cannot be compiled.
     pub fn new(backend: impl Into<Backend>) -> Result<Self, ImageError> {
         let backend = backend.into();
         Ok(Self { finder: Finder::new(&backend)?, backend })
@@ -50,6 +50,10 @@ impl Rasterizer {
 
     /// The picture of a scene. `colours`: radiance of the front of each triangle, in the scene's
     /// order.
+    ///
+    /// # Errors
+    /// Fails if the scene, the camera or the options are invalid, if the number of colours is not that of
+    /// triangles, or if the device fails.
     pub fn render(
         &self,
         scene: &Scene,
@@ -72,11 +76,15 @@ impl Rasterizer {
     /// What a camera sees of a scene, at `supersample` x `supersample` samples per pixel: for pictures in any colours, and for
     /// their derivatives. Of several ranks, which must all ask at once, the first looks, and all get what it sees: devices that differ may
     /// round differently.
+    ///
+    /// # Errors
+    /// Fails if the scene, the camera or `supersample` is invalid, if the device fails, or if ranks can no
+    /// longer work together.
     pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         self.backend.ranks().by_first(|| self.own_coverage(scene, camera, supersample))
     }
 
-    /// Of this rank alone.
+    /// What this rank alone finds a camera to see.
     fn own_coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         let grid = grid(camera, supersample)?;
         let faces = project(scene, camera)?;
@@ -88,8 +96,12 @@ impl Rasterizer {
         Ok(whole)
     }
 
-    /// The same where vertices have moved from those of `before`, with which coverage was that: only what moved faces may touch is
-    /// computed. `before` must be of this scene otherwise, from the same camera.
+    /// What a camera sees of a scene whose vertices have moved. `before`: the vertices and the coverage
+    /// before they moved. Only what moved faces may touch is computed anew. `before` must otherwise be of
+    /// this scene, from the same camera.
+    ///
+    /// # Errors
+    /// Fails as [`Self::coverage`] does.
     pub fn coverage_of_moved(
         &self,
         scene: &Scene,
@@ -137,6 +149,9 @@ impl Rasterizer {
     /// The visible face of every sample of a picture, `u32::MAX` where there is none: row by row from the top, each of
     /// `supersample` times the width of the camera. Sample (u, v) of a pixel is at ((u + 0.5) / `supersample`,
     /// (v + 0.5) / `supersample`) in it, see [`View::ray`](super::View::ray).
+    ///
+    /// # Errors
+    /// Fails if the scene, the camera or `supersample` is invalid, or if the device fails.
     pub fn visible_samples(
         &self,
         scene: &Scene,
@@ -188,7 +203,7 @@ impl Rasterizer {
     /// exactly, staging buffers included; on the CPU none.
     ///
     /// # Errors
-    /// Where the camera or the options are invalid.
+    /// Fails if the camera or the options are invalid.
     pub fn bytes(
         backend: BackendKind,
         triangles: usize,

@@ -19,9 +19,9 @@ const BORDER: usize = 3;
 /// Direction of lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Axis {
-    /// From left to right, at one y.
+    /// Lines from left to right, at one y.
     Rows,
-    /// Upwards, at one x.
+    /// Lines upwards, at one x.
     Columns,
 }
 
@@ -128,7 +128,7 @@ impl Span {
 pub(super) struct Sweep {
     /// Spans of the current line, sorted by where they begin.
     spans: Vec<Span>,
-    /// Those that have begun and not yet ended.
+    /// Spans that have begun and not yet ended.
     active: Vec<u32>,
 }
 
@@ -210,7 +210,7 @@ fn boundary(before: Option<&Span>, after: Option<&Span>, at: f64) -> Option<Chan
     Some(Change { at, before: before.map(|span| span.face), after: after.map(|span| span.face), cause })
 }
 
-/// Where another face first crosses the nearest one between `from` and `to`.
+/// The first place between `from` and `to` where another face crosses the nearest one, and that face.
 fn first_crossing<'a>(
     front: &Span,
     others: impl Iterator<Item = &'a Span>,

@@ -87,7 +87,7 @@ pub(super) enum Tiles {
 }
 
 impl Tiles {
-    /// Those that some faces may touch.
+    /// Tiles that some faces may touch.
     pub fn of<'a>(grid: &Grid, faces: impl Iterator<Item = &'a Projected>) -> Self {
         let (columns, rows) = (grid.tile_columns(), 0..grid.tile_rows());
         let mut member = vec![false; columns as usize * rows.len()];
@@ -105,7 +105,7 @@ impl Tiles {
         }
     }
 
-    /// The runs of rows with at least one of them.
+    /// The ranges of rows with at least one of the tiles.
     pub fn rows(&self, grid: &Grid) -> Vec<Range<u32>> {
         let any = |row: &u32| (0..grid.tile_columns()).any(|column| self.contain(column, *row));
         let rows: Vec<u32> = (0..grid.tile_rows()).filter(any).collect();

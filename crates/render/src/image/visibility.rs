@@ -14,7 +14,7 @@ pub(super) enum Finder {
     Cpu,
 }
 
-/// The same for the pictures of one grid, with the memory that it takes.
+/// Finds what is visible in pictures of one grid, with the memory that this takes.
 #[expect(clippy::large_enum_variant, reason = "there is one of them at a time")]
 pub(super) enum Visibility {
     Vulkan(vulkan::visibility::Visibility),
@@ -29,7 +29,10 @@ impl Finder {
         })
     }
 
-    /// For scenes of at most this many triangles.
+    /// Prepares pictures of a grid, for scenes of at most this many triangles.
+    ///
+    /// # Errors
+    /// Fails if the device cannot allocate the buffers.
     pub fn on(&self, grid: Grid, triangles: u64) -> Result<Visibility, GpuError> {
         Ok(match self {
             Self::Vulkan(device, pipeline) => {
@@ -51,6 +54,9 @@ pub(super) fn bytes(backend: BackendKind, grid: &Grid, triangles: u64) -> u64 {
 
 impl Visibility {
     /// The face of each sample of a band of the picture of `faces`, row by row; `NONE` outside the `wanted` tiles.
+    ///
+    /// # Errors
+    /// Fails if the device fails.
     pub fn samples(&self, band: Band, faces: &[Projected], wanted: &Tiles) -> Result<Vec<u32>, GpuError> {
         match self {
             Self::Vulkan(of_grid) => of_grid.samples(band, faces, wanted),

@@ -83,7 +83,8 @@ impl<'a> PathTracer<'a> {
         (0..self.areas.len()).into_par_iter().map(|j| self.irradiance_of(j, samples)).collect()
     }
 
-    /// The same for one triangle.
+    /// The mean irradiance of one triangle, W/m², from at least `samples` paths that start at stratified
+    /// points on it.
     pub fn irradiance_of(&self, triangle: usize, samples: u32) -> MonteCarloEstimate {
         if self.areas[triangle] <= 0.0 || samples == 0 {
             return MonteCarloEstimate::default();
@@ -100,7 +101,7 @@ impl<'a> PathTracer<'a> {
         self.irradiance_on(triangle, -self.normals[triangle], samples)
     }
 
-    /// On the side of a triangle to which `normal` points.
+    /// The irradiance on the side of a triangle to which `normal` points.
     fn irradiance_on(&self, triangle: usize, normal: DVec3, samples: u32) -> MonteCarloEstimate {
         estimate(samples, [0, triangle as u64], |numbers| {
             let point = on_triangle(self.scene.corners(triangle), numbers.pair());
@@ -247,7 +248,7 @@ mod tests {
         assert_eq!(on_floor(&squares(1.001)).0, DVec3::ZERO);
     }
 
-    /// In a closed room of uniform emission and albedo, B = π L / (1 - ρ) everywhere.
+    /// B = π L / (1 - ρ) holds everywhere in a closed room of uniform emission and albedo.
     #[test]
     fn a_furnace() {
         let (vertices, faces) = antirad_scene::Shape::Room { cells: 1 }.mesh();

@@ -96,7 +96,8 @@ fn shuffle(order: &mut [u32], random: &mut SplitMix64) {
 mod tests {
     use super::*;
 
-    /// Of a smooth function, stratified means are far better than independent ones, and the standard error says so.
+    /// Stratified means of a smooth function are far better than independent ones, and the standard error
+    /// says so.
     #[test]
     fn strata_reduce_the_error_and_the_standard_error_tells() {
         let f = |[u, v]: [f64; 2]| (3.0 * u).sin() * v.exp();

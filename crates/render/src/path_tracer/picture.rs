@@ -66,7 +66,8 @@ impl PathTracer<'_> {
         TracedPicture { width: camera.width, height: camera.height, pixels }
     }
 
-    /// The same, calling `progress` after each row from any thread. `None` if it breaks.
+    /// Traces a picture as [`Self::picture`] does, and calls `progress` after each row from any thread.
+    /// `None` if it breaks.
     pub fn picture_with(
         &self,
         camera: &Camera,
@@ -206,7 +207,8 @@ mod tests {
         }
     }
 
-    /// In the highlight, at its edge and outside it; lobes wider and narrower than the lamp.
+    /// Highlights of a lamp in their middle, at their edge and outside; lobes wider and narrower than the
+    /// lamp.
     #[test]
     fn highlights_of_a_lamp() {
         for (power, side) in [(20.0, 0.5), (60.0, 0.5), (200.0, 0.5), (200.0, 0.05), (2000.0, 1.0)] {

@@ -41,7 +41,7 @@ impl Quantity {
         }
     }
 
-    /// Its name in a job file.
+    /// Name of the quantity in a job file.
     pub fn word(self) -> &'static str {
         match self {
             Self::Emission => "emission",
@@ -57,16 +57,16 @@ impl Quantity {
 /// Derivatives of a loss by a camera, per metre.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CameraGradient {
-    /// By its position, target and up held fixed: the camera turns as it moves.
+    /// Derivative by the position, with target and up held fixed: the camera turns as it moves.
     pub position: DVec3,
-    /// By its target, position and up held fixed.
+    /// Derivative by the target, with position and up held fixed.
     pub target: DVec3,
 }
 
 /// Derivatives of a loss, as far as requested.
 ///
-/// By the values of each triangle's material (as if no two triangles shared one), by the position of each vertex, in
-/// scene order, and by each camera, per unit of the quantity.
+/// Derivatives are by the values of each triangle's material (as if no two triangles shared one), by the
+/// position of each vertex, in scene order, and by each camera, per unit of the quantity.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneGradient {
     /// Per triangle, RGB.

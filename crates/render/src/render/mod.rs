@@ -25,7 +25,7 @@ pub struct RenderOptions {
     pub supersample: u32,
     /// Gathered light at each visible point, or one colour per face.
     pub shading: Shading,
-    /// Where gathered pictures take from what glossy faces mirror.
+    /// How gathered pictures find what glossy faces mirror.
     pub reflections: Reflections,
 }
 
@@ -54,7 +54,8 @@ pub struct SeenPixels<'a> {
     pub camera: &'a Camera,
     /// What it sees.
     pub coverage: &'a Coverage,
-    /// By RGB and alpha, row by row from the top; alpha does not depend on light.
+    /// Derivative of the loss by RGB and alpha of each pixel, row by row from the top; alpha does not depend
+    /// on light.
     pub by_pixels: &'a [[f64; 4]],
 }
 
@@ -81,13 +82,13 @@ impl Renderer {
     /// Compiles the kernel of pictures, if the backend takes one.
     ///
     /// # Errors
-    /// Where the kernel cannot be compiled.
+    /// Fails if the kernel cannot be compiled.
     pub fn new(backend: impl Into<Backend>, options: RenderOptions) -> Result<Self, ImageError> {
         let backend = backend.into();
         Ok(Self { ranks: backend.ranks().clone(), rasterizer: Rasterizer::new(backend)?, options })
     }
 
-    /// The same with another shading.
+    /// This renderer with another shading.
     #[must_use]
     pub fn shading(self, shading: Shading) -> Self {
         Self { options: self.options.shading(shading), ..self }
@@ -101,16 +102,16 @@ impl Renderer {
     /// What a camera sees of a scene. Of several ranks all must ask at once.
     ///
     /// # Errors
-    /// Where the camera or the options are invalid, or the device fails.
+    /// Fails if the scene, the camera or the options are invalid, or if the device fails.
     pub fn coverage(&self, scene: &Scene, camera: &Camera) -> Result<Coverage, ImageError> {
         self.rasterizer.coverage(scene, camera, self.options.supersample)
     }
 
-    /// The same where vertices have moved from those of `before`, with which coverage was that: only what moved faces may touch is
-    /// computed.
+    /// What a camera sees of a scene whose vertices have moved. `before`: the vertices and the coverage
+    /// before they moved. Only what moved faces may touch is computed anew.
     ///
     /// # Errors
-    /// As [`Self::coverage`].
+    /// Fails as [`Self::coverage`] does.
     pub fn coverage_of_moved(
         &self,
         scene: &Scene,
@@ -124,7 +125,7 @@ impl Renderer {
     /// which is taken over what geometry alone decides, if that is the same.
     ///
     /// # Errors
-    /// Where the solution belongs to another engine or to other materials, or the device fails.
+    /// Fails if the solution belongs to another engine or to other materials, or if the device fails.
     pub fn light(
         &self,
         engine: &mut Engine,
@@ -147,7 +148,7 @@ impl Renderer {
     /// The pixels of a view, and how accurate they are. Ranks compute them in shares, and must all ask for them.
     ///
     /// # Errors
-    /// Where coverage and light are of different scenes, or ranks can no longer work together.
+    /// Fails if coverage and light are of different scenes, or if ranks can no longer work together.
     pub fn pixels(&self, light: &Shown, view: usize, coverage: &Coverage) -> Result<Gathered, ImageError> {
         match light {
             Shown::Faces(colours) => Ok(Gathered { pixels: coverage.pixels(&colours[view])?, error: 0.0 }),
@@ -158,7 +159,7 @@ impl Renderer {
     /// The pictures of a solved scene.
     ///
     /// # Errors
-    /// As [`Self::coverage`], [`Self::light`] and [`Self::pixels`].
+    /// Fails as [`Self::coverage`], [`Self::light`] and [`Self::pixels`] do.
     pub fn pictures(
         &self,
         engine: &mut Engine,
@@ -178,8 +179,8 @@ impl Renderer {
     /// vertices and cameras also through silhouettes that move in the picture. This is where all contributions are added.
     ///
     /// # Errors
-    /// Where derivatives were not planned, the adjoint solve fails or is stopped, or rays tell what faces mirror in a way that has no
-    /// derivatives.
+    /// Fails if derivatives were not planned, if the adjoint solve fails or is stopped, or if rays tell what
+    /// faces mirror in a way that has no derivatives.
     #[expect(clippy::too_many_arguments, reason = "what pictures were made of, and what is wanted of them")]
     pub fn pull_back(
         &self,

@@ -19,7 +19,8 @@ use std::f64::consts::PI;
 pub struct SeenFrom<'a> {
     /// What it sees.
     pub coverage: &'a Coverage,
-    /// Of RGB and alpha, row by row from the top; alpha does not depend on light.
+    /// Derivative of the loss by RGB and alpha of each pixel, row by row from the top; alpha does not depend
+    /// on light.
     pub by_pixels: &'a [[f64; 4]],
 }
 
@@ -50,7 +51,7 @@ struct Differences {
     indirect: Vec<DVec3>,
     /// Per triangle, by the sharpened indirect irradiance.
     sharpened: Vec<DVec3>,
-    /// Through what rays bring of each face.
+    /// Derivatives through what rays bring, by the face that they meet.
     brought: BTreeMap<usize, OfFace>,
     /// Per lamp, by its radiance.
     emission: Vec<DVec3>,
@@ -64,14 +65,14 @@ struct Differences {
     cameras: Vec<OfCamera>,
 }
 
-/// By a camera's position, its axes held fixed, and by its axes.
+/// Derivatives of a loss by a camera's position, with its axes held fixed, and by its axes.
 #[derive(Clone, Copy, Default, serde::Deserialize, serde::Serialize)]
 struct OfCamera {
     position: DVec3,
     axes: [DVec3; 3],
 }
 
-/// The same of the points on one face.
+/// Derivatives of a loss through what gathering adds at the points on one face.
 #[derive(serde::Deserialize, serde::Serialize)]
 struct OfPoints {
     reflectance: DVec3,
@@ -80,9 +81,9 @@ struct OfPoints {
     own_emission: DVec3,
     specular: DVec3,
     power: f64,
-    /// By the sharpened indirect irradiance of triangles.
+    /// Derivatives by the sharpened indirect irradiance of triangles.
     sharpened: Vec<(usize, DVec3)>,
-    /// Through what rays bring of each face that they meet.
+    /// Derivatives through what rays bring, by the face that they meet.
     brought: BTreeMap<usize, OfFace>,
     facets: Vec<(u32, FacetGradient)>,
     camera: OfCamera,
@@ -92,6 +93,10 @@ struct OfPoints {
 /// of each camera, per metre. Cameras turn towards their targets as they move. The light must be
 /// that of the solution. Where rays tell what glossy faces mirror, there are none by positions. The movement of silhouettes is not
 /// included ([`crate::image::geometry_gradient`]).
+///
+/// # Errors
+/// Fails if reflections by rays have no derivatives of the requested kinds ([`ShadingError::Rays`]), if a
+/// cotangent does not fit its picture, or if the adjoint solve fails or is stopped.
 pub fn backward(
     engine: &mut Engine,
     solution: &Solution,
@@ -134,7 +139,8 @@ pub fn backward(
 /// Which derivatives are wanted.
 struct Wanted<'a> {
     request: GradientRequest,
-    /// Of which triangles' places, or of all points seen where cameras move.
+    /// Whether points on a triangle need derivatives by positions: those of movable triangles, and all where
+    /// cameras move.
     moves: &'a (dyn Fn(u32) -> bool + Sync),
 }
 

@@ -40,14 +40,15 @@ pub enum Shading {
     Gathered,
 }
 
-/// Where pictures with gathered light take from what glossy faces reflect of other faces.
+/// How pictures with gathered light find what glossy faces reflect of other faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Reflections {
     /// Rays from each visible point, as many as accuracy needs.
     #[default]
     Rays,
-    /// Rays, too, but as many from each point, so that pictures are smooth functions of emission and materials.
+    /// Rays, the same number from each point, so that pictures are smooth functions of emission and
+    /// materials.
     FixedRays,
     /// The direction bins of each face, as S does: coarser, but differentiable by everything.
     Bins,
@@ -76,17 +77,17 @@ impl Gathered {
 pub struct Light {
     direct: Arc<DirectLight>,
     placement: Placement,
-    /// In the engine's coordinates.
+    /// Triangles, in the engine's coordinates.
     facets: Vec<Facet>,
     materials: Vec<Material>,
     patterns: Arc<Patterns>,
     /// Means over each triangle, W/m².
     direct_irradiance: Vec<DVec3>,
     indirect_irradiance: Vec<DVec3>,
-    /// The latter, sharpened for `interpolation`.
+    /// Indirect irradiance, sharpened for `interpolation`, W/m².
     sharpened: Vec<DVec3>,
     interpolation: Interpolation,
-    /// Where glossy faces are in view, and rays tell what they reflect.
+    /// What rays meet; `None` unless glossy faces reflect by rays.
     surroundings: Option<Arc<Surroundings>>,
     views: Vec<View>,
 }
@@ -97,12 +98,16 @@ struct View {
     camera: Camera,
     colours: Vec<[f64; 3]>,
     sights: Kept,
-    /// Where all points have as many.
+    /// Rays of each point, held if all points have the same number.
     samples: reflections::Kept,
 }
 
 impl Light {
     /// Reads what is needed of the latest solution of an engine for a scene.
+    ///
+    /// # Errors
+    /// Fails if the solution belongs to another engine or to other materials, if a camera's position is not
+    /// finite, or if the backend fails.
     pub fn new(
         engine: &mut Engine,
         solution: &Solution,
@@ -179,6 +184,10 @@ impl Light {
     }
 
     /// The pixels of a camera's picture. `view`: number of the camera; `coverage`: what it sees.
+    ///
+    /// # Errors
+    /// Fails if the coverage is of a scene with another number of faces, or if ranks can no longer work
+    /// together.
     pub fn gathered(&self, view: usize, coverage: &Coverage) -> Result<Gathered, ImageError> {
         let view = &self.views[view];
         let mut pixels = coverage.pixels(&view.colours)?;
@@ -188,6 +197,9 @@ impl Light {
     }
 
     /// [`Gathered::pixels`] alone.
+    ///
+    /// # Errors
+    /// Fails as [`Self::gathered`] does.
     pub fn pixels(&self, view: usize, coverage: &Coverage) -> Result<Vec<[f64; 4]>, ImageError> {
         Ok(self.gathered(view, coverage)?.pixels)
     }
@@ -210,7 +222,7 @@ impl Light {
         DVec3::from(colour) - emission
     }
 
-    /// In the engine's coordinates.
+    /// The position of the camera, in the engine's coordinates.
     fn eye(&self, view: &View) -> DVec3 {
         self.placement.apply(view.camera.position)
     }
@@ -272,7 +284,10 @@ impl Light {
         }
     }
 
-    /// The same as a picture, rounded to f32.
+    /// The picture of a camera, rounded to f32. `view`: number of the camera; `coverage`: what it sees.
+    ///
+    /// # Errors
+    /// Fails as [`Self::gathered`] does.
     pub fn picture(&self, view: usize, coverage: &Coverage) -> Result<Picture, ImageError> {
         Ok(self.gathered(view, coverage)?.picture(coverage))
     }
@@ -300,7 +315,7 @@ impl Light {
         differences
     }
 
-    /// Of the latter, what is reflected.
+    /// The reflected part of [`Self::difference`], W/(m² sr).
     fn reflected_difference(&self, view: &View, points: &Points, held: Option<&Held>) -> Vec<Estimate> {
         let Points { face, at, pattern, .. } = points;
         let face = *face;

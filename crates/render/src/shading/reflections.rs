@@ -16,10 +16,10 @@ use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Rays of a point: at first, and at most. Powers of two fill the unit square most evenly.
+/// Number of rays of a point: at first, and at most. Powers of two fill the unit square most evenly.
 pub const AS_NEEDED: [u32; 2] = [16, 512];
 
-/// The same, where all points have as many.
+/// Number of rays of a point, where all points have the same: at first, and at most.
 pub const FIXED: [u32; 2] = [64, 64];
 
 /// Standard error, relative to what is seen of the point, up to which there are more.
@@ -78,9 +78,9 @@ pub struct Glossy<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     face: u32,
-    /// Its number among those of the point.
+    /// Number of the ray among those of the point.
     number: u32,
-    /// The first two barycentric coordinates of where it does.
+    /// The first two barycentric coordinates of the point where it meets the face.
     at: [f64; 2],
     /// 8π/(q + 1) ⟨e, h⟩ cosθ.
     weight: f64,
@@ -109,16 +109,19 @@ pub struct Estimate {
 #[derive(Clone, Debug, Default, serde::Deserialize, serde::Serialize)]
 pub struct OfFace {
     pub emission: DVec3,
-    /// By δρ.
+    /// Derivative by δρ.
     pub albedo: DVec3,
-    /// By the irradiance at its corners.
+    /// Derivative by the irradiance at the corners.
     pub irradiance: [DVec3; 3],
-    /// By its specular radiance per bin; empty where it has none.
+    /// Derivative by the specular radiance per bin; empty where the face has none.
     pub specular: Vec<DVec3>,
 }
 
 impl Surroundings {
     /// `irradiance`: at the corners of each face, of all light, W/m².
+    ///
+    /// # Errors
+    /// Fails if the solution belongs to another engine or to other materials, or if the backend fails.
     pub fn new(
         engine: &mut Engine,
         solution: &Solution,
@@ -184,7 +187,7 @@ impl Surroundings {
         }
     }
 
-    /// The same along given rays.
+    /// What the lobe of a point reflects towards the eye of all that given rays meet, W/(m² sr).
     pub fn along(&self, faces: Faces, at: &Glossy, sample: &Sample) -> Estimate {
         let scale = DVec3::from(at.material.lobe_scale()) / f64::from(sample.count);
         let mut parts = [DVec3::ZERO; PARTS as usize];
@@ -293,7 +296,7 @@ impl Surroundings {
     }
 }
 
-/// Those of the points of a run, once they are known.
+/// The rays of each point of a run, once they are known.
 pub type Held = OnceLock<Vec<Sample>>;
 
 /// The samples of all points of a picture, by its runs; clones share them.
@@ -335,7 +338,7 @@ impl OfFace {
     }
 }
 
-/// Of albedo and emission at a place of a face.
+/// Factors of albedo and of emission at a place of a face; 1 where they do not vary.
 fn factors(patterns: &Patterns, face: usize, b: DVec3) -> [DVec3; 2] {
     patterns.at(face, b).map_or([DVec3::ONE; 2], |factors| factors.value)
 }

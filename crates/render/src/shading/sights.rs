@@ -35,12 +35,12 @@ pub struct Points {
     pub face: usize,
     /// Indices into the faces in pixels.
     pub of: Vec<usize>,
-    /// Engine's coordinates.
+    /// Positions in the engine's coordinates.
     pub at: Vec<DVec3>,
     /// Vector irradiance of each lamp at each point by its radiance, sr, once it has been asked for: a rank asks for that of its share of a
     /// picture. `None` where that is too much to hold for a whole picture.
     light: Option<OnceLock<Vec<Vec<DVec3>>>>,
-    /// Where the face has a pattern, its factors of albedo and emission around each point.
+    /// Factors of albedo and emission around each point; empty if the face has no pattern.
     pub pattern: Vec<[DVec3; 2]>,
 }
 
@@ -49,7 +49,7 @@ pub struct Sight<'a> {
     pub facets: &'a [Facet],
     pub patterns: &'a Patterns,
     pub view: View,
-    /// Of the view, in the engine's coordinates.
+    /// Position of the eye, in the engine's coordinates.
     pub eye: DVec3,
 }
 
@@ -70,14 +70,14 @@ impl Sight<'_> {
 #[derive(Debug)]
 pub struct Sights {
     pub seen: Vec<FaceInPixel>,
-    /// Runs of points on one face that are close in the picture.
+    /// Chunks of points on one face that are close in the picture.
     pub runs: Vec<Points>,
     /// Whether they hold the light of lamps, once it is known.
     held: bool,
 }
 
 impl Sights {
-    /// From a number of lamps.
+    /// The points of all faces seen. `lamps`: number of lamps, which decides whether their light can be held.
     pub fn new(sight: &Sight, seen: Vec<FaceInPixel>, lamps: usize) -> Self {
         let held = seen.len().saturating_mul(lamps) <= MOST_KEPT;
         let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
@@ -102,7 +102,7 @@ impl Sights {
 pub struct Kept(Arc<Mutex<Option<Arc<Sights>>>>);
 
 impl Kept {
-    /// Those of the faces seen, which are computed unless known.
+    /// The sights of the faces seen, which are computed unless known.
     pub fn of(
         &self,
         seen: Vec<FaceInPixel>,
@@ -118,13 +118,14 @@ impl Kept {
     }
 }
 
-/// Where a ray meets the plane of a face.
+/// The point where a ray meets the plane of a face.
 pub fn on_plane(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
     let distance = (facet.centroid - eye).dot(facet.normal) / ray.dot(facet.normal);
     eye + distance * ray
 }
 
-/// Where a ray meets a face, or the point of the face next to it: the mean of its visible samples may lie outside.
+/// The point where a ray meets a face. Rays that miss it get a point of the face nearby: the mean of the
+/// visible samples of a face may lie outside it.
 pub fn hit(facet: &Facet, eye: DVec3, ray: DVec3) -> DVec3 {
     let point = on_plane(facet, eye, ray);
     let inside = barycentric(facet.corners, facet.normal, point).max(DVec3::ZERO);

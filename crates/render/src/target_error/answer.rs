@@ -10,9 +10,9 @@ use antirad_scene::{Camera, Scene};
 /// A solved scene on the host.
 #[derive(Clone, Debug)]
 pub struct Answer {
-    /// As in [`Solution`], W/m².
+    /// Irradiance per triangle of the scene, RGB, W/m², as in [`Solution`].
     pub irradiance: Vec<[f64; 3]>,
-    /// As in [`Solution`], W/m².
+    /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m², as in [`Solution`].
     pub radiosity: Vec<[f64; 3]>,
     /// Per camera, the radiance of each triangle towards it as [`Engine::face_colours`] returns it, W/(m² sr).
     pub colours: Vec<Vec<[f64; 3]>>,
@@ -28,13 +28,17 @@ pub struct Answer {
     pub sampling_error: f64,
     /// The plan that the solve ran under.
     pub plan: PlanReport,
-    /// Of the scene before the solve, and of its solution.
+    /// Warnings of the scene before the solve, and of its solution.
     pub warnings: Warnings,
 }
 
 impl Answer {
     /// Reads the colours towards `cameras` from the device. `warnings`: [`Warnings::of`] the scene; those of the solution are
     /// added to them.
+    ///
+    /// # Errors
+    /// Fails if the solution does not belong to the engine, if a camera's position is not finite, or if the
+    /// backend fails.
     pub fn new(
         engine: &mut Engine,
         scene: &Scene,
@@ -48,6 +52,7 @@ impl Answer {
         let light = Light::new(engine, &solution, scene, cameras, reflections)?;
         let Solution { irradiance, radiosity, info, energy, negative, .. } = solution;
         let (plan, sampling_error) = (engine.plan(), engine.sampling_error());
+        warnings.measure(scene, plan, &irradiance);
         warnings.list.extend(Warnings::after(scene, plan, &irradiance, info.spectral_radius).list);
         Ok(Self {
             irradiance,

@@ -50,17 +50,19 @@ pub struct PictureEstimate {
     pub camera: String,
     /// Root of the sum of squares of the parts.
     pub total: f64,
-    /// As [`IrradianceEstimate::compared`].
+    /// Difference from the comparison solve, times the ratio of error to such a difference, as in
+    /// [`IrradianceEstimate::compared`].
     pub compared: f64,
     /// Variation of light within triangles that the picture does not show. With one colour per triangle, from the differences
     /// between coplanar neighbours of one material: shadow edges, for example. In gathered pictures, of indirect light: from how
     /// much interpolation between triangles blurs it.
     pub within: f64,
-    /// As [`IrradianceEstimate::residual`].
+    /// The residual over 1 - spectral radius, as in [`IrradianceEstimate::residual`].
     pub residual: f64,
-    /// As [`IrradianceEstimate::clusters`].
+    /// What clusters in place of far triangles may cause, as in [`IrradianceEstimate::clusters`].
     pub clusters: f64,
-    /// Standard error of rays: as [`IrradianceEstimate::sampling`], and of what glossy faces mirror.
+    /// Standard error of rays: of direct light, as in [`IrradianceEstimate::sampling`], and of what glossy
+    /// faces mirror.
     pub sampling: f64,
 }
 
@@ -124,16 +126,16 @@ impl IrradianceEstimate {
 
 /// L2 norms over the pixels of a picture, and two differences relative to it.
 struct Differences {
-    /// From the comparison solve.
+    /// Difference from the comparison solve.
     compared: f64,
-    /// As [`PictureEstimate::within`].
+    /// Variation of light within triangles that the picture does not show, as in [`PictureEstimate::within`].
     within: f64,
     /// Standard error of reflections by rays.
     rays: f64,
 }
 
 impl Differences {
-    /// Of pictures with one colour per triangle.
+    /// Differences of pictures with one colour per triangle.
     fn of_faces(
         scene: &Scene,
         surface: &Surface,
@@ -157,7 +159,7 @@ impl Differences {
         }
     }
 
-    /// Of gathered pictures.
+    /// Differences of gathered pictures.
     fn of_gathered([own, other]: [&Light; 2], view: usize, visible: &Visible) -> Result<Self, ImageError> {
         let blur = own.blur();
         let reflected = |light: &Light| light.reflected(view, &visible.coverage);

@@ -32,8 +32,8 @@ const fn level(
     Level { equal_angle, concentric, near_field, cuts, tolerance, usual }
 }
 
-/// For scenes with shadows or gloss whose lamps are exact. The light in bins is then that of reflections, which changes slowly with
-/// direction; what is left to refine is the mesh.
+/// Levels for scenes with shadows or gloss whose lamps are exact. The light in bins is then that of
+/// reflections, which changes slowly with direction; what is left to refine is the mesh.
 const REFLECTED: [Level; 5] = [
     level((6, 8), 8, 10.0, 0, 3e-3, 0.03),
     level((10, 13), 10, 30.0, 0, 1e-3, 0.015),
@@ -42,7 +42,8 @@ const REFLECTED: [Level; 5] = [
     level((20, 26), 24, 60.0, 3, 1e-4, 0.002),
 ];
 
-/// For scenes with shadows or gloss by antiradiance. Bins and mesh are refined together: alone, neither improves much.
+/// Levels for scenes with shadows or gloss by antiradiance. Bins and mesh are refined together: alone,
+/// neither improves much.
 const DIRECTIONAL: [Level; 5] = [
     level((6, 8), 8, 10.0, 0, 3e-3, 0.08),
     level((10, 13), 10, 30.0, 0, 1e-3, 0.04),
@@ -51,7 +52,7 @@ const DIRECTIONAL: [Level; 5] = [
     level((28, 36), 32, 30.0, 2, 1e-4, 0.01),
 ];
 
-/// For scenes without: bins do not matter, only the near field and the mesh do.
+/// Levels for scenes without shadows or gloss: bins do not matter, only the near field and the mesh do.
 const DIFFUSE: [Level; 5] = [
     level((2, 3), 2, 10.0, 0, 3e-3, 0.015),
     level((2, 3), 2, 30.0, 0, 1e-3, 0.006),
@@ -189,6 +190,9 @@ pub fn usual_settings(scene: &Scene) -> SolveSettings {
 }
 
 /// The [`usual_settings`] and their plan.
+///
+/// # Errors
+/// Fails if the scene cannot be planned.
 pub fn usual_plan(scene: &Scene, options: &PlanOptions) -> Result<(SolveSettings, Plan), PlanError> {
     let settings = usual_settings(scene);
     Ok((settings, Plan::new(scene, options, &settings)?))

@@ -16,7 +16,7 @@ pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 
 use crate::image::ImageError;
 use crate::shading::{Reflections, Shading};
-use crate::warnings::Warnings;
+use crate::warnings::{MATTERS, Warnings};
 use antirad_base::setters;
 use antirad_core::backend::Backend;
 use antirad_core::plan::{Plan, PlanError, PlanOptions, has_direct_lamps};
@@ -94,12 +94,12 @@ impl From<PlanError> for SearchError {
 }
 
 impl SearchError {
-    /// As [`EngineError::is_interruption`].
+    /// Whether a callback stopped the search, which is no failure.
     pub fn is_interruption(&self) -> bool {
         matches!(self, Self::Engine(error) if error.is_interruption())
     }
 
-    /// As [`EngineError::is_without_answer`].
+    /// Whether a solver ran but found no solution.
     pub fn is_without_answer(&self) -> bool {
         matches!(self, Self::Engine(error) if error.is_without_answer())
     }
@@ -108,7 +108,7 @@ impl SearchError {
 /// One refinement level that was solved.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
-    /// Such as `10x13` or `concentric:12`.
+    /// Layout of the bins as text, such as `10x13` or `concentric:12`.
     pub bins: String,
     /// Layout of the bins.
     pub layout: LayoutKind,
@@ -126,24 +126,25 @@ pub struct Step {
     pub estimate: Option<ErrorEstimate>,
     /// The message of the solve that failed.
     pub failure: Option<String>,
-    /// Names of the severe warnings: of errors that the estimate does not include.
-    pub severe: Vec<&'static str>,
+    /// Names of the warnings whose effect is above the target error or 1 %: of errors that the estimate does not include.
+    pub beyond: Vec<&'static str>,
 }
 
 impl Step {
-    /// Whether the estimate is within the error, without a severe warning.
+    /// Whether the estimate is within the error, without a warning of more.
     fn meets(&self, error: f64) -> bool {
-        self.severe.is_empty() && self.estimate.as_ref().is_some_and(|estimate| estimate.total <= error)
+        self.beyond.is_empty() && self.estimate.as_ref().is_some_and(|estimate| estimate.total <= error)
     }
 
-    /// By the absence of severe warnings, then by the smaller estimate.
+    /// Whether this step is better: the one without severe warnings is, and else the one with the smaller
+    /// estimate.
     fn is_better_than(&self, other: &Self) -> bool {
         let rank = |step: &Self| {
             let estimate = step.estimate.as_ref().map_or(f64::INFINITY, |estimate| estimate.total);
-            (!step.severe.is_empty(), estimate)
+            (!step.beyond.is_empty(), estimate)
         };
-        let ((severe, estimate), (other_severe, other_estimate)) = (rank(self), rank(other));
-        severe.cmp(&other_severe).then(estimate.total_cmp(&other_estimate)).is_lt()
+        let ((beyond, estimate), (other_beyond, other_estimate)) = (rank(self), rank(other));
+        beyond.cmp(&other_beyond).then(estimate.total_cmp(&other_estimate)).is_lt()
     }
 }
 
@@ -152,7 +153,7 @@ impl Step {
 pub struct Refinement {
     /// The target error.
     pub error: f64,
-    /// Whether the estimate of the answer is within `error`, without a severe warning.
+    /// Whether the estimate of the answer is within `error`, without a warning of more.
     pub met: bool,
     /// The reasons for this near field and mesh, and for ending above the error, if it did: a sentence each.
     pub why: Vec<String>,
@@ -193,23 +194,27 @@ impl Solved {
 /// One solve of the search, for reporting progress.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
-    /// Such as `level 2 of at most 5, comparison`.
+    /// Name of the solve, such as `level 2 of at most 5, comparison`.
     pub name: String,
     /// Share of the work of the whole search that is done before this solve, 0 to 1.
     pub begin: f64,
-    /// The same after this solve.
+    /// Share of the work of the whole search that is done after this solve, 0 to 1.
     pub end: f64,
 }
 
 /// Runs a solver to the tolerance of the scene.
 pub type Solve<'a> = dyn FnMut(&mut Engine, &Scene, &Stage) -> Result<Solution, EngineError> + 'a;
 
-/// Solves `scene` to the target error, or as close to it as memory and `max_triangles` allow: see [`Refinement::met`]. The
-/// scene's own bins, near field and tolerance are ignored; its other settings are used. Fails if interrupted, or if no level has
-/// an answer.
+/// Solves `scene` to the target error, or as close to it as memory and `max_triangles` allow: see
+/// [`Refinement::met`]. The scene's own bins, near field and tolerance are ignored; its other settings are
+/// used.
 ///
 /// `reserve` returns the bytes of device memory to set aside for pictures of a scene. `solve` runs the solver to
 /// `scene.settings.tolerance`; progress and interruption are up to it.
+///
+/// # Errors
+/// Fails if the scene or the target error is invalid, if a solve is interrupted, or if no level has an
+/// answer.
 pub fn solve_within(
     backend: &Backend,
     scene: &Scene,
@@ -260,9 +265,9 @@ pub fn solve_within(
     }
     let Tried { steps, chosen, best } = tried;
     let Found { scene, parents, answer } = best?;
-    let Step { severe, .. } = &steps[chosen];
-    if !severe.is_empty() {
-        why.push(format!("there are errors that the estimate does not include: {}", severe.join(", ")));
+    let Step { beyond, .. } = &steps[chosen];
+    if !beyond.is_empty() {
+        why.push(format!("there are errors that the estimate does not include: {}", beyond.join(", ")));
     }
     let met = steps[chosen].meets(options.error);
     let refinement = Refinement { error: options.error, met, why, steps, chosen };
@@ -271,7 +276,7 @@ pub fn solve_within(
 
 /// The levels solved so far.
 struct Tried {
-    /// At least one.
+    /// The steps so far, at least one.
     steps: Vec<Step>,
     /// Index of the step of `best`.
     chosen: usize,
@@ -423,7 +428,8 @@ impl<'a> Search<'a> {
             _ => None,
         };
         let both = || [&answer, &other].into_iter();
-        let severe = answer.iter().flat_map(|answer| &answer.warnings.list).filter(|warning| warning.severe);
+        let least = self.options.error.min(MATTERS);
+        let beyond = answer.iter().flat_map(|answer| answer.warnings.above(least));
         let step = Step {
             bins: own.bins.to_string(),
             layout,
@@ -434,7 +440,7 @@ impl<'a> Search<'a> {
             passes: both().flatten().map(|answer| answer.info.passes).sum(),
             estimate,
             failure: both().find_map(|answer| answer.as_ref().err()).map(ToString::to_string),
-            severe: severe.map(|warning| warning.kind.name()).collect(),
+            beyond: beyond.map(|warning| warning.kind.name()).collect(),
         };
         tracing::info!("{step}");
         Ok((step, answer.map(|answer| Found { scene, parents, answer })))

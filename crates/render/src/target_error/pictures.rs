@@ -18,7 +18,10 @@ pub(super) struct Visible {
 }
 
 impl Visible {
-    /// One per camera.
+    /// What each camera sees.
+    ///
+    /// # Errors
+    /// Fails if the scene or a camera is invalid, or if the device fails.
     pub fn of(backend: &Backend, scene: &Scene, cameras: &[Camera]) -> Result<Vec<Self>, ImageError> {
         let rasterizer = Rasterizer::new(backend)?;
         let triangles = scene.triangles.len();

@@ -19,8 +19,27 @@ const PATHS_TO_FRONTS: usize = 4000;
 /// Irradiance of a back, relative to the mean of all fronts, from which it counts as lit.
 const LIT: f64 = 0.05;
 
-/// The triangles whose backs are lit, with their irradiance, W/m² (sum over RGB), the brightest first.
-pub fn lit(scene: &Scene, plan: &Plan) -> Vec<(u32, f64)> {
+/// Light on backs.
+pub struct Lit {
+    /// The triangles whose backs are lit, with their irradiance, W/m² (sum over RGB), the brightest first.
+    pub backs: Vec<(u32, f64)>,
+    /// Mean irradiance of all fronts, W/m² (sum over RGB), times the area of all triangles in the plan's unit.
+    pub light: f64,
+}
+
+impl Lit {
+    /// Light on the backs of those triangles that `counts` says, relative to that on all fronts. That the housing of a lamp is black is what
+    /// most expect.
+    pub fn share_of(&self, scene: &Scene, plan: &Plan, counts: &dyn Fn(u32) -> bool) -> f64 {
+        let counts = |i: u32| counts(i) && scene.material(i as usize).emission == [0.0; 3];
+        let light = |&(i, back): &(u32, f64)| plan.facets()[i as usize].area * back;
+        let lost: f64 = self.backs.iter().filter(|(i, _)| counts(*i)).map(light).sum();
+        lost.max(0.0) / self.light.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Finds the triangles whose backs are lit.
+pub fn lit(scene: &Scene, plan: &Plan) -> Lit {
     let order: Vec<u32> = plan.layout().order.iter().copied().filter(|&i| i != PADDING).collect();
     let runs: Vec<&[u32]> = order.chunks(order.len().div_ceil(TRIED).max(1)).collect();
     let tracer = PathTracer::new(scene);
@@ -47,5 +66,5 @@ pub fn lit(scene: &Scene, plan: &Plan) -> Vec<(u32, f64)> {
         .filter(|&(i, _)| other_sides[i as usize].is_none())
         .collect();
     found.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    found
+    Lit { backs: found, light }
 }

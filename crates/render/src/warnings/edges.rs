@@ -85,7 +85,7 @@ fn weld(plan: &Plan, tolerance: f64) -> (Vec<DVec3>, Vec<(u32, [u32; 3])>) {
     (welded.first.iter().map(|&v| corners[v as usize]).collect(), faces.collect())
 }
 
-/// The same edges, split at ends of others that lie on them.
+/// Edges with their triangles, split at the ends of others that lie on them.
 fn cut(vertices: &[DVec3], edges: &[(u32, [u32; 2])], tolerance: f64) -> Vec<(u32, [u32; 2])> {
     let mut ends: Vec<u32> = edges.iter().flat_map(|(_, ends)| *ends).collect();
     ends.sort_unstable();

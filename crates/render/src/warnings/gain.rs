@@ -131,7 +131,7 @@ struct Search<'a> {
     limit: f64,
     /// The smallest solid angle of a bin, sr.
     finest: f64,
-    /// In the order of [`Surfaces::order`].
+    /// Blockers, in the order of [`Surfaces::order`].
     blockers: Vec<u32>,
     tree: Hierarchy,
     tolerance: f64,
@@ -230,7 +230,7 @@ fn real(slots: &[u32]) -> impl Iterator<Item = u32> + Clone {
     slots.iter().copied().filter(|&i| i != PADDING)
 }
 
-/// Distances to the nearest of a set of points, stored in runs of neighbours with their bounds.
+/// Distances to the nearest of a set of points, stored in chunks of neighbours with their bounds.
 struct Nearest {
     runs: Vec<(DVec3, DVec3, Vec<DVec3>)>,
 }
@@ -249,7 +249,7 @@ impl Nearest {
         Self { runs: points.chunks(Self::RUN).map(run).collect() }
     }
 
-    /// Infinite if there are no points.
+    /// Distance to the nearest point; infinite if there are no points.
     fn distance(&self, from: DVec3) -> f64 {
         let mut nearest = f64::INFINITY;
         for (low, high, points) in &self.runs {

@@ -68,6 +68,10 @@ const WIDEST: f64 = 0.15;
 ///
 /// A mesh that is [far too coarse](too_coarse) for the light of lamps is cut before that, as far as `max_triangles` allows, until no
 /// triangle would receive more than 4 % of all light of lamps or has an edge longer than 15 % of the scene's diagonal.
+///
+/// # Errors
+/// Fails if the scene cannot be planned, or if triangles should be cut and the scene already has
+/// `max_triangles`.
 pub fn refine(
     scene: &mut Scene,
     plan_options: &PlanOptions,

@@ -29,7 +29,7 @@ struct Reflected<'a> {
     scene: &'a Scene,
     facets: &'a [Facet],
     light: DirectLight,
-    /// Of each lamp.
+    /// Radiance of each lamp, W/(m² sr).
     radiance: Vec<DVec3>,
 }
 

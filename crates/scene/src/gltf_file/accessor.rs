@@ -12,6 +12,10 @@ impl<'a> Accessors<'a> {
     }
 
     /// Rows of N numbers, integers scaled to 0 … 1 if they are normalized.
+    ///
+    /// # Errors
+    /// Fails if rows do not have N numbers, if data are sparse, missing or past the end of a buffer, or if a
+    /// number is not finite.
     pub fn rows<const N: usize>(&self, accessor: &gltf::Accessor) -> Result<Vec<[f64; N]>, String> {
         let number = |row: &[u8], at: usize| {
             let (x, most) = number(row, at, accessor.data_type());
@@ -27,6 +31,9 @@ impl<'a> Accessors<'a> {
     }
 
     /// RGB of colours with or without alpha.
+    ///
+    /// # Errors
+    /// Fails as [`Self::rows`] does.
     pub fn colours(&self, accessor: &gltf::Accessor) -> Result<Vec<[f64; 3]>, String> {
         match accessor.dimensions() {
             Dimensions::Vec4 => Ok(self.rows::<4>(accessor)?.iter().map(|&[r, g, b, _]| [r, g, b]).collect()),

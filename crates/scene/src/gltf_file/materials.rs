@@ -61,6 +61,9 @@ impl<'a> Materials<'a> {
     }
 
     /// A material; `ignored` takes what is left out.
+    ///
+    /// # Errors
+    /// Fails if the picture of a texture cannot be read or decoded.
     pub fn read(&mut self, from: &gltf::Material, ignored: &mut Vec<String>) -> Result<RawMaterial, String> {
         let mut ignore = |what: &str| {
             if !ignored.iter().any(|known| known == what) {

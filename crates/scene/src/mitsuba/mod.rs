@@ -29,7 +29,8 @@ const MOST_BYTES: u64 = 1 << 28;
 const CELLS: u32 = 8;
 /// Subdivisions of an icosahedron that stands for a sphere: 1280 triangles.
 const SPHERE: u32 = 3;
-/// The same of one that shines: few faces, so that its light can be exact.
+/// Subdivisions of an icosahedron that stands for a sphere that shines: few faces, so that its light can be
+/// exact.
 const LAMP: u32 = 0;
 /// Corners of a disk.
 const DISK: u32 = 32;
@@ -84,7 +85,7 @@ struct Reader<'a, 'i> {
     values: Values<'a>,
     by_id: HashMap<&'a str, Node<'a, 'i>>,
     contents: Contents,
-    /// Of BSDFs with and without emission, by their nodes.
+    /// Material and whether it has two sides, by the node of the BSDF and the emission.
     materials: HashMap<String, (Material, bool)>,
     names: HashSet<String>,
     ignored: Vec<String>,

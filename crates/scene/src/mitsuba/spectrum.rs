@@ -1,6 +1,6 @@
 //! Colours of spectra: radiance or reflectance at wavelengths in nm, as linear sRGB, as Mitsuba's RGB variants take them.
 
-/// Of visible light, in nm; a spectrum is zero outside its own wavelengths.
+/// Wavelengths of visible light, nm. A spectrum is zero outside its own wavelengths.
 const VISIBLE: std::ops::RangeInclusive<u32> = 360..=830;
 
 /// The standard illuminant D65, relative, every 10 nm from 380 (ISO/CIE 11664-2).

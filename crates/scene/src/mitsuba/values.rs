@@ -43,6 +43,9 @@ impl<'a> Values<'a> {
     }
 
     /// An attribute, with the defaults put in.
+    ///
+    /// # Errors
+    /// Fails if the attribute uses a name that no `<default>` defines.
     pub fn attribute(&self, node: Node, name: &str) -> Result<Option<String>, SceneError> {
         let Some(text) = node.attribute(name) else { return Ok(None) };
         if !text.contains('$') {
@@ -84,6 +87,9 @@ impl<'a> Values<'a> {
     }
 
     /// Numbers of an attribute, between blanks or commas.
+    ///
+    /// # Errors
+    /// Fails if a word is no finite number, or uses a name that no `<default>` defines.
     pub fn numbers(&self, node: Node, name: &str) -> Result<Option<Vec<f64>>, SceneError> {
         let Some(text) = self.attribute(node, name)? else { return Ok(None) };
         let words = text.split([',', ' ', '\t', '\n', '\r']).filter(|word| !word.is_empty());
@@ -91,6 +97,9 @@ impl<'a> Values<'a> {
     }
 
     /// `x`, `y` and `z`, or three numbers in `value`, of the node itself.
+    ///
+    /// # Errors
+    /// Fails if `value` has neither three numbers nor one, or if a coordinate is no finite number.
     pub fn vector(&self, node: Node, missing: f64) -> Result<DVec3, SceneError> {
         match self.numbers(node, "value")?.as_deref() {
             Some(&[x, y, z]) => return Ok(DVec3::new(x, y, z)),
@@ -114,6 +123,9 @@ impl<'a> Values<'a> {
     }
 
     /// A colour: `rgb`, `spectrum` or `float`. A texture gives its mean, or grey, which `ignored` names.
+    ///
+    /// # Errors
+    /// Fails if the element has no value or one that is no colour, or if a file that it names cannot be used.
     pub fn colour(
         &self,
         node: Node,

@@ -226,7 +226,7 @@ impl Fit {
         }
     }
 
-    /// Those who look on miss an update, which is no reason to fail.
+    /// Writes the status. Where this fails, those who look on miss an update, which is no reason to fail.
     fn write_status(&mut self) {
         if self.owned
             && let Err(error) = self.status.write(&self.directory)

@@ -10,7 +10,7 @@ use std::time::Duration;
 /// How many jobs run at once: `--parallel`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parallel {
-    /// As many as keep host and device busy.
+    /// Enough jobs to keep host and device at work.
     Auto,
     /// This many at most.
     AtMost(usize),

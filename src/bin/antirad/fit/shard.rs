@@ -30,8 +30,8 @@ impl fmt::Display for Shard {
 }
 
 impl Shard {
-    /// That of this task of a Slurm array or of an indexed Job of Kubernetes; `None` outside of both. `variable` reads
-    /// the environment.
+    /// The shard of this task of a Slurm array or of an indexed Job of Kubernetes; `None` outside of both.
+    /// `variable` reads the environment.
     pub fn of_environment(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Self>, String> {
         let number = |name: &str| -> Result<Option<usize>, String> {
             let Some(text) = variable(name) else { return Ok(None) };

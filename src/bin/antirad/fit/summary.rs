@@ -12,12 +12,12 @@ use std::time::Duration;
 #[serde(rename_all = "kebab-case")]
 pub enum Ended {
     Finished,
-    /// In an earlier run.
+    /// Finished in an earlier run.
     FinishedBefore,
     Failed,
     Interrupted,
     NotStarted,
-    /// In another process.
+    /// Running in another process.
     Running,
 }
 

@@ -31,7 +31,7 @@ pub const NAMES: [&str; 13] = [
 
 /// Paths for each triangle of a scene without a reference.
 pub const SAMPLES: u32 = 1024;
-/// The same for direct light alone, from which shadows are determined.
+/// Paths for each triangle for direct light alone, from which shadows are determined.
 const SHADOW_SAMPLES: u32 = 256;
 /// A triangle is in shadow if it receives less than this fraction of the lamps' light.
 const SHADOW: f64 = 0.5;
@@ -39,7 +39,7 @@ const SHADOW: f64 = 0.5;
 /// The true irradiance.
 #[derive(Clone)]
 pub enum Truth {
-    /// Of each triangle of the unrefined scene, W/m².
+    /// True irradiance of each triangle of the unrefined scene, W/m².
     Triangles(Vec<DVec3>),
     /// The mean over triangles of a material.
     Mean { material: &'static str, irradiance: f64 },

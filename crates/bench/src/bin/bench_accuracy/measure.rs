@@ -139,7 +139,7 @@ pub struct Errors {
     pub largest: f64,
     /// L2 inside shadows, relative to the light blocked there. `None` without shadows.
     pub shadow: Option<f64>,
-    /// The same, relative to the true irradiance there, which is indirect light.
+    /// L2 inside shadows, relative to the true irradiance there, which is indirect light.
     pub dark: Option<f64>,
     /// L2 over all triangles, relative to the blocked light.
     pub blocked: f64,
@@ -148,7 +148,7 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Of irradiance of the unrefined triangles, W/m².
+    /// Errors of `found`, the irradiance of the unrefined triangles, W/m², against `truth`.
     pub fn new(case: &Case, found: &[DVec3], truth: &[DVec3]) -> Self {
         let sum = |of: &dyn Fn(usize) -> f64| (0..truth.len()).map(|i| case.areas[i] * of(i)).sum::<f64>();
         let difference = |i: usize| (found[i] - truth[i]).length_squared();

@@ -32,7 +32,7 @@ struct Compared {
     found: Vec<DVec3>,
     truth: Vec<DVec3>,
     errors: Errors,
-    /// Of planning and the solve.
+    /// Time of planning and the solve, s.
     seconds: f64,
 }
 

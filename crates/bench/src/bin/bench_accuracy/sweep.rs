@@ -46,7 +46,7 @@ pub fn asked(quick: bool) -> Vec<TargetErrorOptions> {
     [0.05, 0.02, 0.01].iter().map(options).collect()
 }
 
-/// As [`Setting::cost`].
+/// Rough cost of a target error, in the unit of [`Setting::cost`].
 pub const ASKED_COST: f64 = 20.0;
 
 const TIGHT: f64 = 1e-5;

@@ -27,7 +27,7 @@ pub struct Row {
     pub asked: Option<f64>,
     /// The estimate of the error.
     pub estimate: Option<f64>,
-    /// Of the direct light of lamps and the solve; for a target error, of all attempts.
+    /// Time of the direct light of lamps and the solve, s; for a target error, of all attempts.
     pub seconds: f64,
     pub passes: u32,
     /// Device memory.

@@ -52,7 +52,7 @@ pub struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// In units of evaluating the loss.
+    /// Rough cost of the mesh, in units of evaluating the loss.
     pub fn cost(&self) -> u64 {
         let of_sample = |sample: &Sample| match sample.kind {
             Kind::Camera => 6,

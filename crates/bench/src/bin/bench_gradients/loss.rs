@@ -21,7 +21,7 @@ pub struct Loss {
 /// All values that a loss weighs, per triangle, one array after another.
 pub struct Values(Vec<DVec3>);
 
-/// Where the two cameras are, metres: the first camera, and inside the scene.
+/// Positions of two cameras, metres: that of the first camera of the scene, and one inside the scene.
 pub fn camera_positions(scene: &Scene) -> [DVec3; 2] {
     let (middle, radius) = bounds(scene);
     let inside = middle + radius * DVec3::new(0.11, 0.23, 0.37);

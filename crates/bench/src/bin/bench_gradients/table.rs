@@ -15,7 +15,7 @@ pub struct Row {
     pub mesh: String,
     pub bins: String,
     pub kind: Kind,
-    /// Of the triangle, vertex or camera.
+    /// Index of the triangle, vertex or camera.
     pub index: usize,
     /// ε, relative to the size of the parameter.
     pub step: f64,
@@ -33,7 +33,7 @@ impl Row {
         if self.difference == 0.0 { 0.0 } else { self.difference / (self.slope + self.gradient) }
     }
 
-    /// The same, or against `largest` where the parameter has no influence.
+    /// Error relative to |fd| + |∇|, or to `largest` where the parameter has no influence.
     fn error_beside(&self, largest: f64) -> f64 {
         let matters = self.gradient >= NO_INFLUENCE * largest;
         if matters || self.difference == 0.0 { self.error() } else { self.difference / largest }

@@ -35,7 +35,7 @@ pub struct Row {
     pub bytes_planned: u64,
     pub bytes_allocated: u64,
     pub bytes_peak: u64,
-    /// Of these, bytes that do not depend on the scene: staging.
+    /// Bytes that do not depend on the scene: staging.
     pub bytes_fixed: u64,
     /// Size of states on the host, and traffic of a bounce between host and device; 0 where states are on the device.
     #[serde(default)]

@@ -1,4 +1,4 @@
-//! Where a cluster may stand for its triangles.
+//! The test that decides whether a cluster may stand for its triangles as one source.
 //!
 //! Seen from a distance r, a cluster with variance σ² of its centroids and δ² of its frames is wrong by about
 //! w (σ/r) (σ/r + δ) of the mean irradiance, w being its share of that irradiance; where bins are read or filled, by
@@ -23,7 +23,8 @@ use std::ops::Range;
 /// Square of the largest σ/r over the error: the light of a cluster is linear in its plane, and what is missing tends to have the
 /// same sign everywhere, so that these errors add up.
 const WIDE: f64 = 5.0;
-/// The same where bins are read or filled: light per bin is that of the centroid.
+/// Square of the largest σ/r over the error, where bins are read or filled: light per bin is that of the
+/// centroid.
 const WIDE_IN_BINS: f64 = 2.5;
 /// Square of the largest σ/r over the solid angle of a bin, where bins are read or filled and derivatives are wanted: these see how
 /// light changes from bin to bin.
@@ -43,7 +44,7 @@ const FLAT: f64 = 1e-3;
 
 /// A branch as the test sees it.
 struct Branch {
-    /// Its index, unless its triangles are of several classes.
+    /// Index of the cluster; `None` if the triangles are of several groups.
     index: Option<u32>,
     facet: Facet,
     /// σ, σ², δ.
@@ -67,7 +68,7 @@ impl Branch {
 
 /// A group of receivers.
 pub struct Receivers<'a> {
-    /// Its number in the tree.
+    /// Number of the node in the tree of receivers.
     at: usize,
     pub node: &'a Node,
     pub centre: DVec3,
@@ -132,7 +133,8 @@ impl Seen {
     }
 }
 
-/// The same for the triangles that lists are chosen for, and for those of now, which differ where vertices have moved.
+/// How a branch and some receivers lie to each other in two geometries: the one that lists are chosen for,
+/// and the current one, which differs where vertices have moved.
 #[derive(Clone, Copy)]
 struct Sights {
     chosen: Seen,
@@ -151,7 +153,7 @@ impl Sights {
 /// What holds of a branch for a group.
 #[derive(Clone, Copy)]
 struct Known {
-    /// Window on the runs of triangles that volumes stand for; empty where these are none of its own.
+    /// Begin and end of the runs of [`TakenRuns`] that may meet the branch; an empty range if none does.
     taken: [u32; 2],
     sights: Sights,
 }
@@ -226,7 +228,7 @@ impl Trees {
         }
     }
 
-    /// The same branches around the triangles where they have moved to.
+    /// Both trees with the same branches, bounded around triangles that have moved.
     fn moved(&self, input: &ClusterInput, facets: &[Facet]) -> Self {
         let tolerance = coplanar_tolerance(facets);
         let moved =
@@ -275,7 +277,8 @@ pub struct Acceptance<'a> {
     groups: Vec<usize>,
     branches: Vec<Branch>,
     volumes: Option<VolumeTree<'a>>,
-    /// By branch.
+    /// Per branch of the tree of sources, where its triangles are in the tree of volumes; empty without
+    /// volumes.
     places: Vec<Place>,
 }
 
@@ -542,7 +545,7 @@ impl<'a> Acceptance<'a> {
     }
 }
 
-/// By slot, the largest branch around it whose triangles lie in a plane and may be a cluster, or itself.
+/// Per slot, the index of the largest cluster around it whose triangles lie in a plane, or the slot itself.
 fn planes(tree: &Hierarchy, branches: &[Branch], input: &ClusterInput) -> Vec<u32> {
     let mut planes: Vec<u32> = (0..input.order.len() as u32).collect();
     tree.walk(|at, node| {

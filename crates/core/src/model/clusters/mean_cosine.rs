@@ -15,9 +15,10 @@ pub struct Spread<S = f64> {
 }
 
 impl<S: Scalar> Spread<S> {
-    /// Of the cosines `to` and `from` at the receiver and the cluster, and `tilt` between the normals of the two sides that face
-    /// each other. `angle2`: variance of the triangles over r². Where they lie on both sides of the receiver's horizon, their
-    /// heights count as uniformly distributed. `None` where no light arrives.
+    /// The mean cosine for a cluster of one normal; `None` where no light arrives. `to` and `from`: cosines
+    /// at the receiver and at the cluster. `tilt`: cosine between the normals of the two sides that face each
+    /// other. `angle2`: variance of the triangles over r². Where triangles lie on both sides of the
+    /// receiver's horizon, their heights count as uniformly distributed.
     pub fn new(to: S, from: S, tilt: S, angle2: S) -> Option<Self> {
         let width = (angle2 * 1.5 * (-tilt * tilt + 1.0)).max(0.0).sqrt();
         let Self { above, mean, .. } = Self::over(to, width);
@@ -26,13 +27,14 @@ impl<S: Scalar> Spread<S> {
         (cosine > 0.0).then_some(Self { cosine, above, mean })
     }
 
-    /// The same of a volume, whose triangles lie all around its centroid: there, cos_j / r² is harmonic, so that to second order the
-    /// mean is that of the centroid.
+    /// The mean cosine for a volume cluster, whose triangles lie all around its centroid: there, cos_j / r²
+    /// is harmonic, so that to second order the mean is that of the centroid. `to`: cosine at the receiver.
+    /// `angle2`: variance of the triangles over r².
     pub fn in_space(to: S, angle2: S) -> Self {
         Self::over(to, angle2.sqrt())
     }
 
-    /// To first order, over heights from `to` - `width` to `to` + `width`.
+    /// The mean to first order, over heights from `to` - `width` to `to` + `width`.
     fn over(to: S, width: S) -> Self {
         let above = match width > 0.0 {
             true => (to / width * 0.5 + 0.5).clamp(0.0, 1.0),

@@ -46,7 +46,7 @@ pub enum Parts {
 }
 
 impl Parts {
-    /// Their slots or indices.
+    /// Slots of the triangles, or indices of the two clusters.
     pub fn indices(&self) -> impl Iterator<Item = u32> + use<> {
         let (slots, both) = match self {
             Self::Triangles(slots) => (slots.clone(), None),
@@ -78,14 +78,16 @@ impl ClusterRun {
 pub struct ClusterInput<'a> {
     /// Triangles.
     pub facets: &'a [Facet],
-    /// The same where vertices have moved since: clusters and lists are chosen for `facets`, so that a loss depends smoothly on
-    /// vertices, but for what cannot send light now, and what is too close.
+    /// The triangles at their current positions, if vertices have moved. Clusters and lists are chosen for
+    /// `facets` all the same, so that a loss depends smoothly on vertices. What cannot send light now, and
+    /// what is too close, follows from the current positions.
     pub moved: Option<&'a [Facet]>,
-    /// Their classes.
+    /// Class of each triangle.
     pub classes: &'a [Class],
-    /// Brightness of the front of each, relative to the mean.
+    /// Brightness of the front of each triangle, relative to the mean.
     pub brightness: &'a [f64],
-    /// The same of the backs of blockers: antiradiance is as narrow as the light that it cancels.
+    /// Brightness of the backs of blockers, relative to the mean, one value for all. Antiradiance is as
+    /// narrow as the light that it cancels.
     pub backs: f64,
     /// Triangle of each slot, sorted by class, or [`PADDING`].
     pub order: &'a [u32],
@@ -149,7 +151,7 @@ impl Clusters {
         self.order.len() as u32
     }
 
-    /// What each consists of.
+    /// What each cluster consists of.
     pub fn parts(&self) -> &[Parts] {
         &self.parts
     }
@@ -168,7 +170,8 @@ impl Clusters {
         of.start + before(slots.start)..of.start + before(slots.end)
     }
 
-    /// By height, the clusters of a run all of whose triangles are in a range of slots.
+    /// The clusters of a run all of whose triangles are in a range of slots: one range of clusters per height
+    /// of the tree.
     pub fn within(&self, run: &ClusterRun, slots: &Range<u32>) -> Vec<Range<u32>> {
         let first = run.range().start;
         let mut spans: Vec<Range<u32>> = Vec::with_capacity(run.range().len());
@@ -279,14 +282,14 @@ pub fn share<V: Vector>(part: &Facet<V>, cluster: &Facet<V>) -> V::Scalar {
 
 /// The branches of a tree that are of one group, numbered as clusters.
 struct Numbered {
-    /// By node of the tree.
+    /// Per node of the tree, the index of its cluster; `None` if its triangles are of several groups.
     index: Vec<Option<u32>>,
     parts: Vec<Parts>,
     runs: Vec<ClusterRun>,
 }
 
 impl Numbered {
-    /// `groups`: of the leaves of the tree.
+    /// `groups`: the group of each leaf of the tree.
     fn new(input: &ClusterInput, tree: &Hierarchy, groups: &[u32]) -> Self {
         let &ClusterInput { order, leaf, .. } = input;
         let nodes = tree.nodes();

@@ -109,7 +109,7 @@ impl Moments {
         }
     }
 
-    /// From the derivative by sums to that by one triangle of the cluster.
+    /// Adds the derivative by one triangle of the cluster; `self` holds the derivative by the sums.
     pub fn pull_triangle(&self, facet: &Facet, gradient: &mut FacetGradient) {
         let &Facet { centroid, normal, area, .. } = facet;
         gradient.area += self.area
@@ -155,7 +155,7 @@ struct Before {
     squares: f64,
 }
 
-/// Cuts runs of leaves where positions and normals then vary least in both branches, groups first.
+/// Cuts ranges of leaves where positions and normals then vary least in both branches, groups first.
 pub struct Cuts {
     before: Vec<Before>,
     /// The group of each leaf.

@@ -77,7 +77,7 @@ impl ReceiverLists {
         &entries[before(lists.start)..before(lists.end)]
     }
 
-    /// Their number.
+    /// Number of entries of a group whose lists are in a range.
     pub fn count(&self, group: u32, lists: &Range<u32>) -> u32 {
         self.of(group, lists).len() as u32
     }

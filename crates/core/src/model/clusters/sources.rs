@@ -15,7 +15,7 @@ pub struct SourceLists {
 }
 
 impl SourceLists {
-    /// `None` if there are too many entries to count.
+    /// Packs the entries of all lists into words; `None` if there are too many to count.
     pub fn new(lists: &[Vec<u32>]) -> Option<Self> {
         let head = lists.len() + 1;
         let count = head + lists.iter().map(Vec::len).sum::<usize>();

@@ -2,10 +2,11 @@
 //! intensity per direction over the whole sphere (F. Sillion 1995, "A Unified Hierarchical Algorithm for Global Illumination with
 //! Scattering Volumes and Object Clusters").
 //!
-//! Where surfaces curve, the clusters of one normal each are small and many, and none reaches beyond an object. To a volume
-//! it does not matter what it contains: with the direction ω from its centroid c to the receiver, it sends the net intensity
-//! I(ω) = Σ a_i |⟨n_i, ω⟩| (front: L_i(ω); back: -A_i(-ω)), in which what fronts send and what backs cancel are one. The first moment of
-//! the places of triangles along ω is left out on purpose: seen from its centre a sphere that shines evenly is exact without.
+//! Clusters of one normal each are small and many where surfaces curve, and none reaches beyond an object. To
+//! a volume it does not matter what it contains: with the direction ω from its centroid c to the receiver, it
+//! sends the net intensity I(ω) = Σ a_i |⟨n_i, ω⟩| (front: L_i(ω); back: -A_i(-ω)), in which what fronts send
+//! and what backs cancel are one. The first moment of the places of triangles along ω is left out on purpose:
+//! seen from its centre a sphere that shines evenly is exact without.
 
 use super::acceptance::{Receivers, WIDEST, are_near};
 use super::moments::Moments;
@@ -56,18 +57,19 @@ impl Volumes {
         &self.slots
     }
 
-    /// What each consists of.
+    /// What each volume consists of.
     pub fn parts(&self) -> &[VolumeParts] {
         &self.parts
     }
 
-    /// Their indices by height: those of triangles, those of the former, and so on.
+    /// Indices of the volumes by height: those of triangles, those of the former, and so on.
     pub fn run(&self) -> &ClusterRun {
         &self.run
     }
 
-    /// Each as a facet: its corners are its centroid, its area is the mean area ā = Σ a² / Σ a of its triangles, its frame that of the
-    /// world, and its characteristic area the variance of the triangles. `facets`: by slot, `None` for padding.
+    /// Each volume as a facet. Its corners are its centroid, its area is the mean area ā = Σ a² / Σ a of its
+    /// triangles, its frame is that of the world, and its characteristic area is the variance of the
+    /// triangles. `facets`: by slot, `None` for padding.
     pub fn facets<'a>(&self, facets: impl Fn(u32) -> Option<&'a Facet>) -> Vec<Facet> {
         let first = self.run.range().start;
         let mut moments: Vec<Moments> = Vec::with_capacity(self.parts.len());
@@ -87,7 +89,8 @@ impl Volumes {
 /// Runs of positions by which a place is known: the two trees cut space differently, and one run would span much that lies between.
 const RUNS: usize = 4;
 
-/// Where the triangles of a branch of another tree are in this one: whether all are, and runs of positions that contain those that are.
+/// The place of the triangles of a branch of another tree in the tree of volumes: whether it holds all, and
+/// runs of positions that contain those that it holds.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     pub all: bool,
@@ -98,10 +101,10 @@ pub struct Place {
 impl Place {
     const EMPTY: [u32; 2] = [u32::MAX, 0];
 
-    /// That of no triangles.
+    /// The place of no triangles.
     pub const NOWHERE: Self = Self { all: true, runs: [Self::EMPTY; RUNS] };
 
-    /// That of a triangle by its position, if it is in the tree.
+    /// The place of one triangle by its position, if it is in the tree.
     pub fn of(position: Option<u32>) -> Self {
         let mut runs = [Self::EMPTY; RUNS];
         if let Some(at) = position {
@@ -114,7 +117,8 @@ impl Place {
         self.runs.into_iter().take_while(|run| *run != Self::EMPTY)
     }
 
-    /// That of the triangles of both. Where there are too many runs, those with the least between them become one.
+    /// The place of the triangles of both. Where there are too many runs, those with the least between them
+    /// become one.
     pub fn with(self, other: Self) -> Self {
         let mut both = [Self::EMPTY; 2 * RUNS];
         both[..RUNS].copy_from_slice(&self.runs);
@@ -155,7 +159,7 @@ struct Branch {
 /// The tree from which lists choose volumes.
 pub struct VolumeTree<'a> {
     input: &'a ClusterInput<'a>,
-    /// Each before its parts.
+    /// Branches, each before its parts.
     branches: Vec<Branch>,
     slots: Vec<u32>,
     /// The position of each slot, if it is in the tree.
@@ -163,7 +167,8 @@ pub struct VolumeTree<'a> {
 }
 
 impl<'a> VolumeTree<'a> {
-    /// Of `most` volumes, unless one alone is more; `planes`: by slot, the plane piece of surface that its triangle belongs to.
+    /// Builds a tree of at most `most` volumes, or of one if even that is more. `planes`: per slot, the plane
+    /// piece of surface that its triangle belongs to.
     pub fn new(input: &'a ClusterInput<'a>, most: usize, planes: &[u32]) -> Self {
         let &ClusterInput { order, classes, .. } = input;
         let has_bins = |slot: &u32| {

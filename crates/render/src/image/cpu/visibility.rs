@@ -60,7 +60,7 @@ pub fn samples(grid: &Grid, band: Band, faces: &[Projected], wanted: &Tiles) -> 
 }
 
 impl Tile {
-    /// Infinitely far.
+    /// A tile that shows no face: its depths are infinitely far.
     fn empty() -> Box<Self> {
         Box::new(Self { depths: [[0.0; SIDE]; SIDE], samples: [[NONE; SIDE]; SIDE] })
     }

@@ -39,7 +39,10 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// For scenes of at most this many triangles, with staging buffers of its own.
+    /// Allocates the buffers for scenes of at most this many triangles, with staging buffers of its own.
+    ///
+    /// # Errors
+    /// Fails if the device cannot allocate a buffer.
     pub fn new(device: &Device, pipeline: &Pipeline, grid: Grid, triangles: u64) -> Result<Self, GpuError> {
         let device = device.scope(STAGING);
         let buffer = |label, bytes| Buffer::new(&device, label, bytes, BufferKind::Storage);
@@ -58,6 +61,9 @@ impl Visibility {
     }
 
     /// The face of each sample of a band of the picture of `faces`, row by row; `NONE` outside the `wanted` tiles.
+    ///
+    /// # Errors
+    /// Fails if the device fails.
     pub fn samples(&self, band: Band, faces: &[Projected], wanted: &Tiles) -> Result<Vec<u32>, GpuError> {
         let Grid { width, height, .. } = self.grid;
         let bytes = u64::from(width) * u64::from(band.rows) * 4;
