@@ -56,7 +56,10 @@ fn a_check_needs_no_device_and_names_triangles() {
         assert!(worst["value"].as_f64() > Some(0.0) && worst["triangle"].is_u64(), "{worst}");
         says(worst["place"].as_str().expect("a place"), &["triangle ", "of mesh \""]);
     }
-    says(&folder.run("check room.toml --all").succeeded().stdout, &["200 triangles", "open blockers", "\"lamp\""]);
+    says(
+        &folder.run("check room.toml --all").succeeded().stdout,
+        &["200 triangles", "open blockers", "\"lamp\""],
+    );
     folder.run("check nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
     // With fewer bins the mesh is fine enough.
     let coarse = folder.run("check one.toml --bins 2x3 --all").succeeded().stdout;

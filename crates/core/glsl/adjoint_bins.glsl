@@ -1,6 +1,6 @@
 #ifndef ADJOINT_BINS_GLSL
 #define ADJOINT_BINS_GLSL
-// Bins in the adjoint: reads the cotangents of a receiver's bins and deposits into those of a source. Expects
+// Bins in the adjoint: reads the cotangents of a receiver's bins and scattered into those of a source. Expects
 // `cotangent` and `cotangent_rgb`, the cotangent of H(b) at the receivers; and of the sources `outgoing_back` with
 // `outgoing_back_rgb`, the resulting state, `outgoing_front` with `outgoing_front_rgb`, the cotangent of specular
 // radiance, and `bin_table`.
@@ -10,10 +10,10 @@ layout(constant_id = 8) const bool SOURCE_FRONT = false;
 layout(constant_id = 9) const bool RECEIVER_BINS = false;
 const uint BACK_SETS = SOURCE_BACK ? 1 : 0;
 const uint FRONT_SETS = SOURCE_FRONT ? 1 : 0;
-const uint DEPOSIT_SETS = BACK_SETS + FRONT_SETS;
+const uint SCATTER_SETS = BACK_SETS + FRONT_SETS;
 const uint FRONT_SET = BACK_SETS * BINS;
 
-#include "deposits.glsl"
+#include "scattered.glsl"
 
 // Σ_b T_b λ(b): the importance of irradiance from `direction`. `first`: first bin of the receiver in its page.
 real3 binned_cotangent(real3 normal, uint first, real3 direction) {
@@ -27,11 +27,11 @@ real3 binned_cotangent(real3 normal, uint first, real3 direction) {
 
 // Adds the cotangent `value` of the radiance in `direction` to the bins of the source: the transpose of
 // `binned_radiance`.
-void deposit_radiance(real3 normal, real3 direction, bool front, real3 value) {
+void scatter_radiance(real3 normal, real3 direction, bool front, real3 value) {
     if (SOURCE_FRONT || SOURCE_BACK) {
         bool kept = front ? SOURCE_FRONT : SOURCE_BACK;
         for (uint once = kept ? 1 : 0; once > 0; once--) {
-            deposit(front ? FRONT_SET : 0, normal, front ? direction : -direction, front ? value : -value);
+            scatter(front ? FRONT_SET : 0, normal, front ? direction : -direction, front ? value : -value);
         }
     }
 }

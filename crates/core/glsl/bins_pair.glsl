@@ -5,7 +5,7 @@
 // Where SPREAD is defined, sources may be clusters, or volumes if `volumes` is not 0; then also spread.glsl, `real spread_of(Facet
 // source)`, and `Moment moment(uint at)`, the first moment of that radiance.
 
-// `bins`: first bin of the source in its page. Adds to the deposits, and the sum of all bins to `sum`.
+// `bins`: first bin of the source in its page. Adds to the scattered, and the sum of all bins to `sum`.
 void receive(
     Facet receiver,
     Facet source,
@@ -49,7 +49,7 @@ void receive(
         real3 uneven = along(moment(at), weight / to * spread_slope(seen, receiver.normal, d, r2));
         value += front ? uneven : real3(0.0);
 #endif
-        deposit(0, receiver.normal, -direction, value);
+        scatter(0, receiver.normal, -direction, value);
         sum += value;
     }
 }

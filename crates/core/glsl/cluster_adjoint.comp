@@ -5,7 +5,7 @@
 // λ_ij = λ_j + Σ_b T_b(ω_j) λ_j(b), the importance of irradiance at j from i,
 //     front: μ_i += w_ij λ_ij, μ_i(b) += T_b(ω_i) w_ij λ_ij;   back: -T_b(ω_i) w_ij λ_ij to the antiradiance,
 // and of clusters the cotangent of the first moment, λ_ij (∂w_ij/∂x)ᵀ.
-// A lane owns one source, or shares it (abreast.glsl). Twin: crates/reference/src/lines.rs.
+// A lane owns one source, or shares it (cooperative.glsl). Twin: crates/reference/src/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -41,7 +41,7 @@ void main() {
     Facet source = facets[min(i, source_end - 1)];
     real3 sum = real3(0.0);
     Moment moment = NO_MOMENT;
-    clear_deposits();
+    clear_scattered();
     uvec2 words = part_of_group(group);
     for (uint at = words.x; at < words.y; at += 2) {
         uint bits = own_bits(at, active_lane);
@@ -51,7 +51,7 @@ void main() {
         uint first = receiver_lists[at] * LIST;
         for (uint row = 0; row < LIST; row += STEP) {
             fetch(first + row);
-            for (uint k = lane_turn(); k < STEP; k += ABREAST) {
+            for (uint k = lane_turn(); k < STEP; k += COOPERATIVE) {
                 Facet receiver = fetched_facet(first + row, k);
                 real3 d = receiver.centre - source.centre;
                 real r2 = max(dot(d, d), R2_MIN);
@@ -74,7 +74,7 @@ void main() {
                     real3 binned = binned_cotangent(receiver.normal, bins, -direction);
                     real3 importance = fetched_cotangent(first + row, k) + binned;
                     real3 value = weight * importance;
-                    deposit_radiance(source.normal, direction, front, value);
+                    scatter_radiance(source.normal, direction, front, value);
                     sum += front ? value : real3(0.0);
                     // A loop, to skip it for triangles.
                     for (uint uneven = clusters != 0 && front ? 1 : 0; uneven > 0; uneven--) {
@@ -84,7 +84,7 @@ void main() {
                         moment.z += slope.z * importance;
                     }
                 }
-                settle_deposits();
+                reduce_scattered();
             }
         }
     }

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U where source, receiver or both have bins, point to point, over lists of clusters and triangles:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
-// transport_bins.comp with other sources. A lane owns one receiver, or shares it (abreast.glsl). Twin: crates/reference/src/lines.rs.
+// transport_bins.comp with other sources. A lane owns one receiver, or shares it (cooperative.glsl). Twin: crates/reference/src/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -49,7 +49,7 @@ void main() {
     uvec2 entries = part_of_list(list);
     // A loop, to skip it where nothing would be added.
     for (uint once = entries.x < entries.y ? 1 : 0; once > 0; once--) {
-        clear_deposits();
+        clear_scattered();
         for (uint at = entries.x; at < entries.y; at += STEP) {
             uint count = fetch(at, entries.y);
             for (uint k = 0; k < count; k++) {
@@ -61,7 +61,7 @@ void main() {
                 Facet source = fetched_facet(k);
                 receive(receiver, source, k, bins, fronts, backs, near, sum);
             }
-            settle_deposits();
+            reduce_scattered();
         }
         sum = total(sum);
         // Padding is within the horizon of everything, and fetches sources for the others.
@@ -69,7 +69,7 @@ void main() {
             if (lane_turn() == 0) {
                 irradiance[j].rgb += sum;
             }
-            flush_deposits((j - target_page) * BINS);
+            flush_scattered((j - target_page) * BINS);
         }
     }
 }

@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U from diffuse fronts to triangles without bins, point to point, over lists of clusters and triangles:
 //     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
-// A workgroup owns the receivers of one list, LIST / LANES of them in the registers of each lane; or lanes share them (abreast.glsl). Twin:
+// A workgroup owns the receivers of one list, LIST / LANES of them in the registers of each lane; or lanes share them (cooperative.glsl). Twin:
 // crates/reference/src/lines.rs.
 
 #include "geometry.glsl"

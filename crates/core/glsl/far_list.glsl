@@ -6,7 +6,7 @@
 // that it takes. Expects LANES, `facets`, `radiance`, and `far_lists`: the index of the first entry of each list, then the end of the
 // last; then all entries, `index << 3 | bits`, ascending in each list.
 
-#include "abreast.glsl"
+#include "cooperative.glsl"
 #include "passing.glsl"
 #include "moment.glsl"
 
@@ -47,7 +47,7 @@ struct Listed {
 
 const uint FETCHED = TARGETS_ARE_SHARED ? 1 : LANES;
 // Sources that are fetched at a time.
-const uint STEP = TARGETS_ARE_SHARED ? ABREAST : LANES;
+const uint STEP = TARGETS_ARE_SHARED ? COOPERATIVE : LANES;
 
 shared uint fetched_entries[FETCHED];
 shared Facet fetched_facets[FETCHED];

@@ -4,7 +4,7 @@
 // U between close triangles, integrated piecewise: quarter to quarter and, for radiance that varies with direction,
 // between two quarters close for their size, quarter of a quarter to quarter of a quarter. Each piece of the source
 // illuminates the centroid of each piece of the receiver by Lambert's polygon formula. A lane owns one receiver, or shares
-// it (abreast.glsl), and sums over its close sources. Twin: crates/reference/src/lines.rs, which subdivides every source.
+// it (cooperative.glsl), and sums over its close sources. Twin: crates/reference/src/lines.rs, which subdivides every source.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -56,7 +56,7 @@ void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
                 value += binned * binned_radiance(source_normal, source_first, direction, front);
             }
             value *= projected;
-            deposit(0, receiver_normal, -direction, value);
+            scatter(0, receiver_normal, -direction, value);
             sum += value;
         }
     }
@@ -69,10 +69,10 @@ void main() {
     uint j = owned(active_lane);
     Facet receiver = facets[j];
     receiver_normal = receiver.normal;
-    clear_deposits();
+    clear_scattered();
     real3 a = corners[3 * j].xyz, b = corners[3 * j + 1].xyz, c = corners[3 * j + 2].xyz;
     uvec2 close = close_partners(j, active_lane);
-    for (uint at = close.x; any_abreast(at < close.y); at++) {
+    for (uint at = close.x; any_cooperative(at < close.y); at++) {
         // Lanes whose target has no more partners go on with the others.
         bool has_partner = !TARGETS_ARE_SHARED || at < close.y;
         uint i = has_partner ? near_partners[at] : j;
@@ -94,6 +94,6 @@ void main() {
         if (lane_turn() == 0) {
             irradiance[j].rgb += sum;
         }
-        flush_deposits((j - target_page) * BINS);
+        flush_scattered((j - target_page) * BINS);
     }
 }

@@ -49,7 +49,7 @@ void piece(real3 p, real3 q, real3 r, real3 point, real diffuse, real binned) {
             real3 direction = normalize(offset);
             real3 value = receiver_cotangent + binned_cotangent(receiver_normal, receiver_first, -direction);
             value *= projected;
-            deposit_radiance(source_normal, direction, front, binned * value);
+            scatter_radiance(source_normal, direction, front, binned * value);
             sum += diffuse * value;
         }
     }
@@ -63,10 +63,10 @@ void main() {
     Facet source = facets[i];
     source_normal = source.normal;
     source_characteristic_area = source.characteristic_area;
-    clear_deposits();
+    clear_scattered();
     real3 u = corners[3 * i].xyz, v = corners[3 * i + 1].xyz, w = corners[3 * i + 2].xyz;
     uvec2 close = close_partners(i, active_lane);
-    for (uint at = close.x; any_abreast(at < close.y); at++) {
+    for (uint at = close.x; any_cooperative(at < close.y); at++) {
         // Lanes whose target has no more partners go on with the others.
         bool has_partner = !TARGETS_ARE_SHARED || at < close.y;
         uint j = has_partner ? near_partners[at] : i;

@@ -1,11 +1,11 @@
 #ifndef NEAR_PUSH_GLSL
 #define NEAR_PUSH_GLSL
-// Push constants of the near-field kernels. A lane owns a target, or shares it (abreast.glsl), the receiver forwards and the source in the
+// Push constants of the near-field kernels. A lane owns a target, or shares it (cooperative.glsl), the receiver forwards and the source in the
 // adjoint, and sums over its close partners. Expects `near_targets`: slots of targets; `near_offsets`: the start of
 // each slot's list in `near_partners`, then the end of the last; and `near_partners`: slots, ascending within each
 // list.
 
-#include "abreast.glsl"
+#include "cooperative.glsl"
 
 layout(push_constant) uniform NearPush {
     // The first of `near_targets`, and their number.

@@ -13,7 +13,7 @@ void walk_pieces(
     real3 source_centre, real3 u, real3 v, real3 w, real3 a, real3 b, real3 c, real near, real range
 ) {
     // Lanes for each quarter of the receiver.
-    const uint beside = TARGETS_ARE_SHARED ? ABREAST / 4 : 1;
+    const uint beside = TARGETS_ARE_SHARED ? COOPERATIVE / 4 : 1;
     for (uint onto = lane_turn() / beside; onto < 4; onto += TARGETS_ARE_SHARED ? 4 : 1) {
         real3 e = a, f = b, g = c;
         quarter(onto, e, f, g);
@@ -37,13 +37,13 @@ void walk_pieces(
                 far = far_weight(dot(d, d), range * QUARTER_RANGE);
             }
             piece(p, q, r, point, wanted * 0.25, wanted * far * 0.25);
-            settle_deposits();
-            for (uint finer = any_abreast(taken && far < 1.0) ? 0 : 16; finer < 16; finer++) {
+            reduce_scattered();
+            for (uint finer = any_cooperative(taken && far < 1.0) ? 0 : 16; finer < 16; finer++) {
                 real3 p2 = p, q2 = q, r2 = r, e2 = e, f2 = f, g2 = g;
                 quarter(finer & 3, p2, q2, r2);
                 quarter(finer >> 2, e2, f2, g2);
                 piece(p2, q2, r2, (e2 + f2 + g2) * (real(1.0) / 3.0), 0.0, wanted * (1.0 - far) * 0.0625);
-                settle_deposits();
+                reduce_scattered();
             }
         }
     }

@@ -8,7 +8,7 @@
 // of each group, then the end of the last; then all entries, two words each, ascending in each group: the list, and 3 bits of each
 // source; `targets`, the groups of a dispatch; and `cotangents`, those of irradiance.
 
-#include "abreast.glsl"
+#include "cooperative.glsl"
 #include "passing.glsl"
 
 // Receivers of a list, and sources of a group.

@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // U where source, receiver or both have bins, point to point:
 //     H_j(b) += T_b(ω_j) max(cos_j, 0) |cos_i| g_ij a_i · (front: L_i(ω_i); back: -A_i(ω_i)).
-// A lane owns one receiver, or shares it (abreast.glsl). Twin: crates/reference/src/lines.rs.
+// A lane owns one receiver, or shares it (cooperative.glsl). Twin: crates/reference/src/lines.rs.
 
 #include "geometry.glsl"
 #include "near_field.glsl"
@@ -43,7 +43,7 @@ void main() {
     uint j = tile * TILE + gl_WorkGroupID.y * TARGETS + lane_target();
     Facet receiver = facets[j];
     real3 sum = real3(0.0);
-    clear_deposits();
+    clear_scattered();
     uint end = partner_begin;
     for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
         uint begin = end;
@@ -54,15 +54,15 @@ void main() {
         bool near = (flags & PAIR_NEAR) != 0;
         uint sources = fronts || backs ? (end - begin) * TILE : 0;
         uint first = (begin - partner_begin) * TILE;
-        for (uint k = lane_turn(); k < sources; k += ABREAST) {
+        for (uint k = lane_turn(); k < sources; k += COOPERATIVE) {
             uint bins = (begin * TILE + k - partner_page) * BINS;
             receive(receiver, partners[first + k], first + k, bins, fronts, backs, near, sum);
-            settle_deposits();
+            reduce_scattered();
         }
     }
     sum = total(sum);
     if (lane_turn() == 0) {
         irradiance[j].rgb += sum;
     }
-    flush_deposits((j - target_page) * BINS);
+    flush_scattered((j - target_page) * BINS);
 }

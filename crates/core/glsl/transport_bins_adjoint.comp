@@ -38,7 +38,7 @@ void main() {
     uint i = tile * TILE + gl_WorkGroupID.y * TARGETS + lane_target();
     Facet source = facets[i];
     real3 sum = real3(0.0);
-    clear_deposits();
+    clear_scattered();
     uint end = partner_begin;
     for (uint run = first_run(tile, partner_begin); end < partner_end; run++) {
         uint begin = end;
@@ -49,7 +49,7 @@ void main() {
         bool near = (flags & PAIR_NEAR) != 0;
         uint receivers = fronts || backs ? (end - begin) * TILE : 0;
         uint first = (begin - partner_begin) * TILE;
-        for (uint k = lane_turn(); k < receivers; k += ABREAST) {
+        for (uint k = lane_turn(); k < receivers; k += COOPERATIVE) {
             Facet receiver = partners[first + k];
             real3 d = receiver.centre - source.centre;
             real r2 = max(dot(d, d), R2_MIN);
@@ -69,10 +69,10 @@ void main() {
                 uint bins = (begin * TILE + k - partner_page) * BINS;
                 real3 binned = binned_cotangent(receiver.normal, bins, -direction);
                 real3 value = weight * (partner_cotangent[first + k].rgb + binned);
-                deposit_radiance(source.normal, direction, front, value);
+                scatter_radiance(source.normal, direction, front, value);
                 sum += front ? value : real3(0.0);
             }
-            settle_deposits();
+            reduce_scattered();
         }
     }
     sum = total(sum);

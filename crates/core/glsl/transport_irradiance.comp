@@ -3,9 +3,9 @@
 // U from diffuse fronts to triangles without bins, point to point:
 //     E_j += max(cos_j, 0) max(cos_i, 0) g_ij a_i L_i,   g = 1 / (r² + a_i/π).
 // A workgroup owns one tile of receivers, TILE / LANES of them in the registers of each lane, for which a source is read once; or
-// lanes share receivers (abreast.glsl). Twin: crates/reference/src/lines.rs.
+// lanes share receivers (cooperative.glsl). Twin: crates/reference/src/lines.rs.
 
-#include "abreast.glsl"
+#include "cooperative.glsl"
 #include "geometry.glsl"
 #include "near_field.glsl"
 
@@ -45,7 +45,7 @@ void main() {
         uint near_sources = (flags & PAIR_NEAR) != 0 ? sources : 0;
         uint far_sources = sources - near_sources;
         uint at = (begin - partner_begin) * TILE;
-        for (uint i = at + lane_turn(); i < at + far_sources; i += ABREAST) {
+        for (uint i = at + lane_turn(); i < at + far_sources; i += COOPERATIVE) {
             Facet f = partners[i];
             real3 l = partner_radiance[i].rgb * f.area;
             real s = f.area * INV_PI;
@@ -56,7 +56,7 @@ void main() {
                 sum[k] += l * (cosines / (r2 * (r2 + s)));
             }
         }
-        for (uint i = at + lane_turn(); i < at + near_sources; i += ABREAST) {
+        for (uint i = at + lane_turn(); i < at + near_sources; i += COOPERATIVE) {
             Facet f = partners[i];
             real3 l = partner_radiance[i].rgb * f.area;
             real s = f.area * INV_PI;

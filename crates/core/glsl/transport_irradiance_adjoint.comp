@@ -4,7 +4,7 @@
 //     μ_i += a_i Σ_j max(cos_i, 0) max(cos_j, 0) g_ij λ_j,   g = 1 / (r² + a_i/π).
 // transport_irradiance.comp with sources as targets. Twin: crates/reference/src/lines.rs.
 
-#include "abreast.glsl"
+#include "cooperative.glsl"
 #include "geometry.glsl"
 #include "near_field.glsl"
 
@@ -47,7 +47,7 @@ void main() {
         uint near_receivers = (flags & PAIR_NEAR) != 0 ? receivers : 0;
         uint far_receivers = receivers - near_receivers;
         uint at = (begin - partner_begin) * TILE;
-        for (uint j = at + lane_turn(); j < at + far_receivers; j += ABREAST) {
+        for (uint j = at + lane_turn(); j < at + far_receivers; j += COOPERATIVE) {
             Facet f = partners[j];
             real3 l = partner_cotangent[j].rgb;
             for (uint k = 0; k < PER_LANE; k++) {
@@ -57,7 +57,7 @@ void main() {
                 sum[k] += l * (cosines / (r2 * (r2 + area[k] * INV_PI)));
             }
         }
-        for (uint j = at + lane_turn(); j < at + near_receivers; j += ABREAST) {
+        for (uint j = at + lane_turn(); j < at + near_receivers; j += COOPERATIVE) {
             Facet f = partners[j];
             real3 l = partner_cotangent[j].rgb;
             for (uint k = 0; k < PER_LANE; k++) {

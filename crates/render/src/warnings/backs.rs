@@ -28,10 +28,9 @@ pub struct Lit {
 }
 
 impl Lit {
-    /// Light on the backs of those triangles that `counts` says, relative to that on all fronts. That the housing of a lamp is black is what
-    /// most expect.
-    pub fn share_of(&self, scene: &Scene, plan: &Plan, counts: &dyn Fn(u32) -> bool) -> f64 {
-        let counts = |i: u32| counts(i) && scene.material(i as usize).emission == [0.0; 3];
+    /// Light on these backs, relative to that on all fronts. That the housing of a lamp is black is what most expect.
+    pub fn share(&self, scene: &Scene, plan: &Plan) -> f64 {
+        let counts = |i: u32| scene.material(i as usize).emission == [0.0; 3];
         let light = |&(i, back): &(u32, f64)| plan.facets()[i as usize].area * back;
         let lost: f64 = self.backs.iter().filter(|(i, _)| counts(*i)).map(light).sum();
         lost.max(0.0) / self.light.max(f64::MIN_POSITIVE)

@@ -18,13 +18,11 @@ pub use shadows::too_coarse;
 use crate::path_tracer::PathTracer;
 use antirad_core::plan::Plan;
 use antirad_scene::Scene;
-use backs::Lit;
 use edges::Edges;
 pub use gain::Surfaces;
 use gain::{Gain, Gains};
 use layers::Layers;
 use serde::Serialize;
-use std::collections::BTreeSet;
 use std::fmt;
 
 /// Largest a/(d² s_b) without a warning: above it, the error of a shadow grows with the size of triangles.
@@ -149,9 +147,8 @@ impl Warnings {
         warnings.stacked_layers(scene, plan, &gains);
         warnings.coarse_blockers(scene, plan, &gains);
         warnings.narrow_gaps(scene, plan);
-        let lit = backs::lit(scene, plan);
-        warnings.bad_edges(scene, plan, &lit);
-        warnings.lit_backs(scene, plan, &lit);
+        warnings.bad_edges(scene, plan);
+        warnings.lit_backs(scene, plan);
         warnings
     }
 
@@ -323,7 +320,7 @@ impl Warnings {
         });
     }
 
-    fn bad_edges(&mut self, scene: &Scene, plan: &Plan, backs: &Lit) {
+    fn bad_edges(&mut self, scene: &Scene, plan: &Plan) {
         let Edges { open, inconsistent, duplicate } = Edges::of(plan);
         // What reflects or blocks light twice, or not at all; of lamps also what they emit.
         let whole = |list: &[u32]| {
@@ -334,10 +331,6 @@ impl Warnings {
             let of_lamps = list.iter().map(|&i| emitted(i)).sum::<f64>() / all.max(f64::MIN_POSITIVE);
             Effect::predicted(effect::of_area(plan, list.iter().map(|&i| (i, 1.0))).max(of_lamps))
         };
-        // Light goes astray through the holes of meshes whose backs are lit.
-        let meshes = |i: u32| scene.meshes.iter().position(|mesh| mesh.range.contains(&i));
-        let holed: BTreeSet<_> = open.iter().map(|&i| meshes(i)).collect();
-        let through = |i: u32| holed.contains(&meshes(i));
         let by_area = |mut list: Vec<u32>| -> Vec<Found> {
             let scale = plan.placement().scale.powi(-2);
             let area = |t: u32| plan.facets()[t as usize].area * scale;
@@ -357,7 +350,8 @@ impl Warnings {
         });
         self.push(scene, plan, by_area(open), |count| Warning {
             kind: Kind::OpenBlockers,
-            effect: Effect::predicted(backs.share_of(scene, plan, &through)),
+            // What passes through is that of lit backs.
+            effect: Effect::predicted(0.0),
             message: format!(
                 "{count} blockers have an open edge: light that hits a back there passes through"
             ),
@@ -379,7 +373,8 @@ impl Warnings {
         });
     }
 
-    fn lit_backs(&mut self, scene: &Scene, plan: &Plan, lit: &Lit) {
+    fn lit_backs(&mut self, scene: &Scene, plan: &Plan) {
+        let lit = backs::lit(scene, plan);
         let found: Vec<Found> = lit.backs.iter().map(|&(t, light)| (t, light, None)).collect();
         let all = area(scene, plan);
         let share_of = |counts: &dyn Fn(u32) -> bool| {
@@ -389,7 +384,7 @@ impl Warnings {
         let share = share_of(&|_| true);
         self.push(scene, plan, found, |count| Warning {
             kind: Kind::LitBacks,
-            effect: Effect::predicted(lit.share_of(scene, plan, &|_| true)),
+            effect: Effect::predicted(lit.share(scene, plan)),
             message: format!(
                 "light falls on the backs of {count} triangles, {:.1} % of the area: it is not reflected there, and passes, but for \
                  what comes straight from exact lamps",

@@ -125,7 +125,7 @@ impl Plan {
             coincident,
             pole,
         };
-        let own: Vec<u32> = busy(near).filter(|&slot| self.owns(slot)).collect();
+        let own: Vec<u32> = with_close_sources(near).filter(|&slot| self.owns(slot)).collect();
         if own.is_empty() {
             return Err("no close pairs");
         }
@@ -170,7 +170,7 @@ impl Plan {
                     let lit = |&slot: &u32| {
                         near.of(slot, &(0..self.layout.slots())).iter().any(|&source| self.owns(source))
                     };
-                    let lit: Vec<u32> = busy(near).filter(lit).collect();
+                    let lit: Vec<u32> = with_close_sources(near).filter(lit).collect();
                     let mut turned = Rows::of(&geometry, &blocks, near, &lit).transposed();
                     turned.rows.retain(|row| self.owns(blocks.source(row)));
                     turned
@@ -220,7 +220,7 @@ impl Plan {
 }
 
 /// Slots with close partners.
-fn busy(near: &NearPairs) -> impl Iterator<Item = u32> {
+fn with_close_sources(near: &NearPairs) -> impl Iterator<Item = u32> {
     (0..).zip(near.offsets.windows(2)).filter(|(_, run)| run[0] < run[1]).map(|(slot, _)| slot)
 }
 

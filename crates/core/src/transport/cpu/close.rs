@@ -56,7 +56,7 @@ impl<T: Real> Received<'_, T> {
                     for k in pieces.lit() {
                         let value = value(pieces, k, layout, diffuse, (front, back));
                         if receiver_bins {
-                            pieces.at_receiver.deposit(k, layout, bins, value);
+                            pieces.at_receiver.scatter(k, layout, bins, value);
                         }
                         add(sum, T::ONE, value);
                     }

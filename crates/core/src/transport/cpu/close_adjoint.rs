@@ -53,7 +53,7 @@ impl<T: Real> Importance<'_, T> {
                                 true => (&mut *fronts, binned),
                                 false => (&mut *backs, -binned),
                             };
-                            pieces.at_source.deposit(k, layout, bins, scaled(sign, importance));
+                            pieces.at_source.scatter(k, layout, bins, scaled(sign, importance));
                         }
                     }
                 });

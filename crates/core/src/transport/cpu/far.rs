@@ -178,7 +178,7 @@ impl<T: Real> Received<'_, T> {
                             let value = sent.towards(k, pairs, layout, front, back);
                             if self.shape.receiver_bins {
                                 let own = &mut bins[k * layout.count..][..layout.count];
-                                pairs.at_receiver.deposit(k, layout, own, value);
+                                pairs.at_receiver.scatter(k, layout, own, value);
                             }
                             add(&mut sums[k], T::ONE, value);
                         }

@@ -264,12 +264,12 @@ impl<T: Real> Importance<'_, T> {
                                 if pairs.front[k] > T::ZERO {
                                     let value = scaled(weight, importance);
                                     if source.glossy {
-                                        pairs.at_source.deposit(k, layout, &mut front_bins[bins], value);
+                                        pairs.at_source.scatter(k, layout, &mut front_bins[bins], value);
                                     }
                                     add(&mut sums[k][0], T::ONE, value);
                                 } else {
                                     let value = scaled(-weight, importance);
-                                    pairs.at_source.deposit(k, layout, &mut back_bins[bins], value);
+                                    pairs.at_source.scatter(k, layout, &mut back_bins[bins], value);
                                 }
                             }
                         }
@@ -360,7 +360,7 @@ impl<T: Real> Importance<'_, T> {
                                     let value = scaled(weight, importance);
                                     if glossy {
                                         let own = &mut front_bins[bins.clone()];
-                                        pairs.at_source.deposit(m, layout, own, value);
+                                        pairs.at_source.scatter(m, layout, own, value);
                                     }
                                     add(&mut sums[k][0], T::ONE, value);
                                     if clusters {
@@ -370,7 +370,7 @@ impl<T: Real> Importance<'_, T> {
                                 } else {
                                     let value = scaled(-weight, importance);
                                     let own = &mut back_bins[bins.clone()];
-                                    pairs.at_source.deposit(m, layout, own, value);
+                                    pairs.at_source.scatter(m, layout, own, value);
                                 }
                             }
                         }

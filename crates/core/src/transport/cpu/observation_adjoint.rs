@@ -34,7 +34,7 @@ pub fn transpose<T: Real>(
             if let Some(page) = &mut adjoint.specular[g] {
                 let mut taps = Taps::<T, 1>::NONE;
                 taps.set(layout, |_| facet.in_frame(direction));
-                taps.deposit(0, layout, &mut bins, colour);
+                taps.scatter(0, layout, &mut bins, colour);
                 let to = &mut page[(slot - own.start) as usize * context.bins()..][..context.bins()];
                 flush(layout, &mut bins, |_| T::ONE, to);
             }

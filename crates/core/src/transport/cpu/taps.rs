@@ -273,7 +273,7 @@ impl<T: Real, const N: usize> Taps<T, N> {
 
     /// Scatters a value to the four bins: bins\[b\] += T_b value.
     #[inline(always)]
-    pub fn deposit(&self, k: usize, layout: &Layout<T>, bins: &mut [[T; 4]], value: [T; 4]) {
+    pub fn scatter(&self, k: usize, layout: &Layout<T>, bins: &mut [[T; 4]], value: [T; 4]) {
         for (bin, weight) in self.of(k, layout) {
             add(&mut bins[bin], weight, value);
         }

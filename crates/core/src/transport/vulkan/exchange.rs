@@ -92,7 +92,7 @@ impl Exchange {
             constants: shape_constants(shape, plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),
-            deposits: Some(u64::from(shape.receiver_bins)),
+            scattered: Some(u64::from(shape.receiver_bins)),
             shape: shape.name().to_owned(),
         };
         sweeps(device, plan, kernels)

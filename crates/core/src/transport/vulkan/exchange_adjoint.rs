@@ -50,7 +50,7 @@ impl ExchangeAdjoint {
             constants: shape_constants(shape, plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.receiver_bins),
-            deposits: Some(u64::from(shape.source.blocker) + u64::from(shape.source.glossy)),
+            scattered: Some(u64::from(shape.source.blocker) + u64::from(shape.source.glossy)),
             shape: shape.name().to_owned(),
         };
         sweeps(device, plan, kernels)

@@ -51,7 +51,7 @@ impl ExchangeDerivative {
             .concat(),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()) + u64::from(shape.receiver_bins),
-            deposits: None,
+            scattered: None,
             shape: format!("{}, by {}", shape.name(), if target_is_source { "source" } else { "receiver" }),
         };
         let sweeps = |by_source| sweeps(device, plan, |shape| kernels(shape, by_source));

@@ -2,11 +2,11 @@
 //! one or two kernels in `crates/core/glsl/`.
 
 mod adjoint;
-mod apart;
 mod bundle;
 mod clusters;
 mod clusters_adjoint;
 mod completion;
+mod distributed;
 mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;

@@ -1,7 +1,7 @@
 //! States on the host: the device accesses them part by part, through two windows. Results do not depend on where a
 //! part lives, bit for bit.
 
-use super::apart::Apart;
+use super::distributed::Distributed;
 use crate::plan::{Group, Piece, Plan, overlap};
 use crate::transport::TransportError;
 use antirad_gpu::{Batch, Buffer, BufferKind, BufferSlice, Device, GpuError};
@@ -197,7 +197,7 @@ pub struct Windows {
     /// Slots with bins.
     slots: Range<u32>,
     /// Who holds which bins.
-    apart: Apart,
+    distributed: Distributed,
     own: Vec<Own>,
     irradiance_bytes: u64,
 }
@@ -215,7 +215,7 @@ impl Windows {
         }
         Ok(Self {
             own,
-            apart: Apart::new(device, plan),
+            distributed: Distributed::new(device, plan),
             read: Window::new(device, plan, sources)?,
             write: Window::new(device, plan, receivers)?,
             slots: plan.layout.slots_of(&plan.tiles_with_bins()),
@@ -275,7 +275,7 @@ impl Place {
 
 impl Hosted {
     pub fn new(windows: &Arc<Windows>) -> Result<Self, TransportError> {
-        let bins = windows.held() * windows.apart.slot_bytes;
+        let bins = windows.held() * windows.distributed.slot_bytes;
         let values = Values { irradiance: zeros(windows.irradiance_bytes)?, bins: zeros(bins)? };
         Ok(Self { windows: windows.clone(), values: Mutex::new(values) })
     }
@@ -293,7 +293,7 @@ impl Hosted {
 
     /// The bytes on the host that hold the bins of some slots of this rank.
     fn place_of(&self, slots: &Range<u32>) -> Result<Place, TransportError> {
-        let slot_bytes = self.windows.apart.slot_bytes;
+        let slot_bytes = self.windows.distributed.slot_bytes;
         let bytes = |slots: u32| u64::from(slots) * slot_bytes;
         let first = self.windows.slot(slots)?;
         let Some(own) = self.windows.own(slots) else {
@@ -343,7 +343,7 @@ impl Hosted {
 
     /// Whether other ranks hold bins of the state.
     pub fn is_apart(&self) -> bool {
-        self.windows.apart.ranks.count() > 1
+        self.windows.distributed.ranks.count() > 1
     }
 
     /// See [`State::show_each`](super::state::State::show_each).
@@ -356,7 +356,7 @@ impl Hosted {
     ) -> Result<(), TransportError> {
         let window = if beside { &self.windows.write } else { &self.windows.read };
         let own = |slots: &Range<u32>, values: &mut [u8]| self.copy(slots, values);
-        self.windows.apart.each(device, parts, own, |part| Self::foreign_view(window, part), with)
+        self.windows.distributed.each(device, parts, own, |part| Self::foreign_view(window, part), with)
     }
 
     /// Allgathers the bins of some slots into a window. All ranks call it.
@@ -368,7 +368,9 @@ impl Hosted {
         slots: &Range<u32>,
     ) -> Result<View<'a>, TransportError> {
         let view = Self::foreign_view(window, part)?;
-        self.windows.apart.gather_into(device, &view, slots, |slots, values| self.copy(slots, values))?;
+        self.windows
+            .distributed
+            .gather_into(device, &view, slots, |slots, values| self.copy(slots, values))?;
         Ok(view)
     }
 
@@ -404,14 +406,14 @@ impl Hosted {
         let Part::Bins { slots, .. } = part else { return Ok(view) };
         let own = self.windows.own(slots).ok_or_else(|| TransportError::missing("a place in the window"))?;
         let within = own.in_window + slots.start - own.slots.start;
-        let offset = u64::from(within) * self.windows.apart.slot_bytes;
+        let offset = u64::from(within) * self.windows.distributed.slot_bytes;
         Ok(View { offset, first_slot: slots.start - within, ..view })
     }
 
     pub fn download(&self, part: &Part) -> Result<Vec<u8>, TransportError> {
         match part {
             Part::Bins { slots, .. } if self.is_apart() => {
-                self.windows.apart.gathered(slots, |slots, values| self.copy(slots, values))
+                self.windows.distributed.gathered(slots, |slots, values| self.copy(slots, values))
             }
             _ => Ok(self.place(part)?.of(&mut self.values())?.to_vec()),
         }
@@ -430,7 +432,7 @@ impl Hosted {
         for Own { slots: own, .. } in &self.windows.own {
             let some = overlap(own, slots);
             if !some.is_empty() {
-                let first = u64::from(some.start - slots.start) * self.windows.apart.slot_bytes;
+                let first = u64::from(some.start - slots.start) * self.windows.distributed.slot_bytes;
                 let to = self.place_of(&some)?.of(&mut values)?;
                 to.copy_from_slice(&given[first as usize..][..to.len()]);
             }

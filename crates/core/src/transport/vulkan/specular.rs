@@ -2,7 +2,7 @@
 //! pass accumulates μ in the buffers of outgoing light. Where states live on the host so do both, and what is worked on is in the window
 //! of outgoing light.
 
-use super::apart::Apart;
+use super::distributed::Distributed;
 use super::residency::{Part, View};
 use super::state::{page, pages};
 use super::{Context, real};
@@ -197,8 +197,8 @@ impl SpecularCotangents {
             values.copy_from_slice(&held[first as usize..][..values.len()]);
             Ok(())
         };
-        let all =
-            Apart::new(device, plan).gathered(&plan.layout.slots_of(&plan.layout.groups[g].tiles), own)?;
+        let all = Distributed::new(device, plan)
+            .gathered(&plan.layout.slots_of(&plan.layout.groups[g].tiles), own)?;
         Ok(Some(real::decode(plan.settings.precision, &all)))
     }
 

@@ -1,6 +1,6 @@
 //! Incident and outgoing light.
 
-use super::apart::{self, OnDevices};
+use super::distributed::{self, OnDevices};
 use super::real;
 use super::residency::{Hosted, Part, View, Windows};
 use crate::plan::{Group, Plan, Residency};
@@ -301,7 +301,7 @@ enum Shared {
     /// Nothing: the device holds states whole.
     Nothing,
     /// Windows of states on the devices of several ranks.
-    OnDevices(Arc<apart::Windows>),
+    OnDevices(Arc<distributed::Windows>),
     /// Windows of states on the host.
     OnHost(Arc<Windows>),
 }
@@ -310,7 +310,7 @@ impl Pool {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let shared = match plan.residency {
             Residency::Device if plan.states_are_whole() => Shared::Nothing,
-            Residency::Device => Shared::OnDevices(Arc::new(apart::Windows::new(device, plan)?)),
+            Residency::Device => Shared::OnDevices(Arc::new(distributed::Windows::new(device, plan)?)),
             Residency::Host { receivers, sources } => {
                 Shared::OnHost(Arc::new(Windows::new(device, plan, receivers, sources)?))
             }

@@ -130,7 +130,7 @@ pub struct Kernels<'a> {
     /// Ends of a pair, 0 to 2, at which four bins are read; for the profile.
     pub gathers: u64,
     /// Sets of bins that are accumulated of a target; `None` where that is something else, and lanes cannot share a target.
-    pub deposits: Option<u64>,
+    pub scattered: Option<u64>,
     /// Name of the shape in the profile.
     pub shape: String,
 }
@@ -214,7 +214,7 @@ impl<'a> Between<'a> {
 
 impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
-        let Kernels { far, near, single, by_source, constants, take, gathers, deposits, shape } = kernels;
+        let Kernels { far, near, single, by_source, constants, take, gathers, scattered, shape } = kernels;
         let precision = plan.settings.precision;
         let info = device.info();
         let listed = plan.clusters().is_some();
@@ -223,7 +223,7 @@ impl Sweep {
             true if by_source => SOURCES,
             true => LIST,
         };
-        let shared = Abreast::far(device, plan, deposits, targets);
+        let shared = Cooperative::far(device, plan, scattered, targets);
         // Wide subgroups cover several groups of sources.
         let wide = shared.is_none() && listed && by_source && info.subgroup_size.is_multiple_of(targets);
         let lanes = match shared {
@@ -238,26 +238,26 @@ impl Sweep {
         // A source is read once for all triangles of a subgroup.
         let single = single || shared.is_some();
         let per_target = f64::from(if single { side } else { targets });
-        let in_workgroup = |lanes| u32::from(shares_deposits(device, plan, lanes, deposits.unwrap_or(0)));
+        let in_workgroup = |lanes| u32::from(shares_deposits(device, plan, lanes, scattered.unwrap_or(0)));
         let own = if listed { LIST } else { targets };
-        let abreast =
-            |shared: Option<Abreast>| shared.map(|of| (15, of.lanes)).into_iter().collect::<Vec<_>>();
+        let cooperative =
+            |shared: Option<Cooperative>| shared.map(|of| (15, of.lanes)).into_iter().collect::<Vec<_>>();
         let of_far = [
             &[(0, lanes), (if listed { 12 } else { 1 }, own), (11, in_workgroup(lanes)), (13, lanes)][..],
             &constants,
-            &abreast(shared),
+            &cooperative(shared),
         ]
         .concat();
         // Its targets are anywhere.
-        let any_bins = gathers > 0 || deposits.is_some_and(|sets| sets > 0);
-        let near_shared = Abreast::close(device, plan, deposits, any_bins);
+        let any_bins = gathers > 0 || scattered.is_some_and(|sets| sets > 0);
+        let near_shared = Cooperative::close(device, plan, scattered, any_bins);
         let near_targets =
             near_shared.map_or(info.subgroup_size.min(plan.options.tile), |shared| shared.targets);
-        let near_lanes = near_shared.map_or(near_targets, Abreast::in_workgroup);
+        let near_lanes = near_shared.map_or(near_targets, Cooperative::in_workgroup);
         let of_near = [
             &[(0, near_lanes), (11, in_workgroup(near_lanes)), (13, near_lanes)][..],
             &constants,
-            &abreast(near_shared),
+            &cooperative(near_shared),
         ]
         .concat();
         let far_push = match listed {
@@ -271,7 +271,9 @@ impl Sweep {
             workgroups: if single { (targets / side).max(1) } else { 1 },
             side_by_side: if wide { lanes / targets } else { 1 },
             run_tiles: match device.kernels_for() {
-                DeviceKind::Cpu if gathers > 0 && deposits.is_none_or(|sets| sets == 0) => cached_tiles(plan),
+                DeviceKind::Cpu if gathers > 0 && scattered.is_none_or(|sets| sets == 0) => {
+                    cached_tiles(plan)
+                }
                 _ => plan.partner_tiles(),
             },
             near: near
@@ -419,7 +421,7 @@ impl Sweep {
         let Some(near) = near else { return Ok(()) };
         let partners = plan.layout.slots_of(&between.partners.tiles);
         let targets =
-            busy_targets(&between.lists.near, plan.layout.slots_of(&between.targets.tiles), &partners);
+            close_targets(&between.lists.near, plan.layout.slots_of(&between.targets.tiles), &partners);
         if targets.is_empty() {
             return Ok(());
         }
@@ -478,7 +480,7 @@ struct Target {
 
 /// The targets in a range of slots with close ones among `partners`, in descending order of their number, so that the
 /// lanes of a workgroup have similar work. Similar numbers are ordered by slot, so that lanes read the same partners.
-fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) -> Vec<Target> {
+fn close_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) -> Vec<Target> {
     let of = |slot| Target { slot, partners: list.of(slot, partners).len() as u32 };
     let mut targets: Vec<Target> = targets.map(of).filter(|target| target.partners > 0).collect();
     // Steps of a ninth.
@@ -487,16 +489,16 @@ fn busy_targets(list: &NearPairs, targets: Range<u32>, partners: &Range<u32>) ->
 }
 
 /// Cooperative lanes of a GPU: lanes of a workgroup that accumulate the sum of a target together
-/// (crates/core/glsl/abreast.glsl). Targets with bins have them, whose bins would fill the memory of each lane. So have
+/// (crates/core/glsl/cooperative.glsl). Targets with bins have them, whose bins would fill the memory of each lane. So have
 /// others where there are so few that with a lane each most of the GPU would idle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Abreast {
+struct Cooperative {
     targets: u32,
     /// Cooperative lanes per target.
     lanes: u32,
 }
 
-impl Abreast {
+impl Cooperative {
     /// Lanes per target with bins: each owns every other row of one of up to three channels.
     const LANES: u32 = 8;
     /// Lanes per target of a kernel of close pairs: one for each pair of pieces, and without bins at either end, where sources are not cut,
@@ -514,12 +516,12 @@ impl Abreast {
     /// Triangles that are few: with a lane each, a thousand subgroups of 32.
     const FEW: u32 = 1 << 15;
     /// Lanes that occupy a large GPU: eight thousand subgroups of 32.
-    const BUSY: u32 = 1 << 18;
+    const ENOUGH: u32 = 1 << 18;
 
     /// Cooperative lanes for a kernel of far pairs, see [`Self::new`].
     fn far(device: &Device, plan: &Plan, sets: Option<u64>, targets: u32) -> Option<Self> {
         let with_bins = sets? > 0;
-        let wanted = Self::BUSY.div_ceil(plan.layout.slots().max(1)).next_power_of_two();
+        let wanted = Self::ENOUGH.div_ceil(plan.layout.slots().max(1)).next_power_of_two();
         let lanes = if with_bins { Self::LANES } else { wanted.clamp(Self::LANES, Self::MOST_LANES) };
         Self::new(device, plan, sets, lanes, targets)
     }
@@ -598,7 +600,7 @@ mod tests {
         // Partners of slots 0 to 3: 2, none, 9, 2 of which one is out of range.
         let partners = [vec![1, 2], vec![], (0..9).collect(), vec![3, 20]].concat();
         let list = NearPairs { offsets: vec![0, 2, 2, 11, 13], partners };
-        let targets = busy_targets(&list, 0..4, &(0..10));
+        let targets = close_targets(&list, 0..4, &(0..10));
         let found: Vec<_> = targets.iter().map(|target| (target.slot, target.partners)).collect();
         assert_eq!(found, [(2, 9), (0, 2), (3, 1)]);
     }

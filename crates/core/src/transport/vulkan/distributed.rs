@@ -12,7 +12,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// Which rank holds which bins.
-pub struct Apart {
+pub struct Distributed {
     pub ranks: Ranks,
     /// Slots with bins and the rank that holds them.
     shares: Vec<(usize, Range<u32>)>,
@@ -20,7 +20,7 @@ pub struct Apart {
     pub slot_bytes: u64,
 }
 
-impl Apart {
+impl Distributed {
     pub fn new(device: &Device, plan: &Plan) -> Self {
         let groups = plan.layout.groups.iter().enumerate().filter(|(_, group)| group.class.has_bins());
         let shares = groups.flat_map(|(g, _)| plan.slots_by_rank(g).into_iter().enumerate());
@@ -122,7 +122,7 @@ impl Apart {
 
 /// What the states of several ranks on their devices share.
 pub struct Windows {
-    apart: Apart,
+    distributed: Distributed,
     /// Room for the bins of a group, of all ranks.
     window: Option<Buffer>,
     beside: Option<Buffer>,
@@ -137,7 +137,7 @@ impl Windows {
         let buffer = || Buffer::new(device, "state: bins", bytes, BufferKind::Storage);
         let own = |g: usize| plan.layout.slots_of(&plan.own(g).tiles);
         Ok(Self {
-            apart: Apart::new(device, plan),
+            distributed: Distributed::new(device, plan),
             window: (largest > 0).then(buffer).transpose()?,
             beside: (largest > 0 && plan.shows_two()).then(buffer).transpose()?,
             own: (0..plan.layout.groups.len()).map(own).collect(),
@@ -152,7 +152,7 @@ impl Windows {
     }
 
     fn bytes(&self, slots: u32) -> u64 {
-        u64::from(slots) * self.apart.slot_bytes
+        u64::from(slots) * self.distributed.slot_bytes
     }
 }
 
@@ -172,7 +172,7 @@ impl OnDevices {
         let Part::Bins { group, slots, .. } = part else { return self.buffers.view(part) };
         let view = self.windows.view(part, beside)?;
         let own = |some: &Range<u32>, values: &mut [u8]| self.copy(device, *group, some, values);
-        self.windows.apart.gather_into(device, &view, slots, own)?;
+        self.windows.distributed.gather_into(device, &view, slots, own)?;
         Ok(view)
     }
 
@@ -206,7 +206,7 @@ impl OnDevices {
             values.copy_from_slice(&held[first..][..values.len()]);
             Ok(())
         };
-        windows.apart.each(device, parts, own, |part| windows.view(part, beside), with)
+        windows.distributed.each(device, parts, own, |part| windows.view(part, beside), with)
     }
 
     /// The bytes of a part, whichever ranks hold them. All ranks call it.
@@ -218,7 +218,7 @@ impl OnDevices {
             Part::Irradiance { .. } => Ok(self.buffers.view(part)?.download(device)?),
             Part::Bins { group, slots, .. } => {
                 let own = |some: &Range<u32>, values: &mut [u8]| self.copy(device, *group, some, values);
-                self.windows.apart.gathered(slots, own)
+                self.windows.distributed.gathered(slots, own)
             }
         }
     }

@@ -1,7 +1,7 @@
-#ifndef ABREAST_GLSL
-#define ABREAST_GLSL
+#ifndef COOPERATIVE_GLSL
+#define COOPERATIVE_GLSL
 // Which targets the lanes of a workgroup accumulate sums of, and which partners they take. On CPU drivers a lane owns a target, and
-// walks along all its partners. On GPUs ABREAST lanes share a target, and each takes one partner in so many, where targets have bins,
+// walks along all its partners. On GPUs COOPERATIVE lanes share a target, and each takes one partner in so many, where targets have bins,
 // as a set for each lane would not fit a GPU's registers, and where there are too few targets for a lane each.
 
 #include "real.glsl"
@@ -9,10 +9,10 @@
 // Lanes of the workgroup: as a constant of its own, since Metal takes gl_WorkGroupSize for no constant size of an array.
 layout(constant_id = 13) const uint WORKGROUP = 1;
 // Lanes that share a target: 1, or a power of two from 4 on; at least 8 where targets have bins, at most 16 for close pairs.
-layout(constant_id = 15) const uint ABREAST = 1;
+layout(constant_id = 15) const uint COOPERATIVE = 1;
 
-const bool TARGETS_ARE_SHARED = ABREAST > 1;
-const uint TARGETS = WORKGROUP / ABREAST;
+const bool TARGETS_ARE_SHARED = COOPERATIVE > 1;
+const uint TARGETS = WORKGROUP / COOPERATIVE;
 
 // Which of the workgroup's targets is that of a lane. Neighbouring lanes read the same partner.
 uint lane_target() {
@@ -29,7 +29,7 @@ const uint SUMMANDS = TARGETS_ARE_SHARED ? 3 * WORKGROUP : 1;
 shared real summands[SUMMANDS];
 
 // Whether `own` is true for any lane that must go on together with this one. All lanes must call it.
-bool any_abreast(bool own) {
+bool any_cooperative(bool own) {
     if (TARGETS_ARE_SHARED) {
         // Nobody reads the one before any more.
         barrier();
@@ -57,7 +57,7 @@ real3 total(real3 own) {
         }
         barrier();
         real3 sum = real3(0.0);
-        for (uint turn = 0; turn < ABREAST; turn++) {
+        for (uint turn = 0; turn < COOPERATIVE; turn++) {
             uint of = 3 * (turn * TARGETS + lane_target());
             sum += real3(summands[of], summands[of + 1], summands[of + 2]);
         }
