@@ -259,20 +259,43 @@ fn coplanar_emitters_are_one_lamp() {
 /// Thousands of emitters take the way of antiradiance, and the plan says so.
 #[test]
 fn too_many_emitters_fall_back() {
-    let scene = over_a_floor(|b, _| {
-        b.shape(
-            "globe",
-            Shape::Icosphere { level: 3, inward: false },
-            &emitter(),
-            at(0.0, 1.0, 0.0) * sized(0.2),
-        );
-    });
-    let plan = |settings| Plan::new(&scene, &PlanOptions::default(), &settings).expect("a plan");
-    let auto = plan(scene.settings);
+    let lit_by = |shape: Shape| {
+        over_a_floor(|b, _| {
+            b.shape("globe", shape, &emitter(), at(0.0, 1.0, 0.0) * sized(0.2));
+        })
+    };
+    let plan =
+        |scene: &Scene, settings| Plan::new(scene, &PlanOptions::default(), &settings).expect("a plan");
+    let statue = lit_by(Shape::Statue { triangles: 1500 });
+    let auto = plan(&statue, statue.settings);
     assert!(auto.lamps().is_empty());
     assert!(auto.report().lamps.why.contains("by antiradiance"), "{}", auto.report().lamps.why);
-    let exact = plan(scene.settings.lamps(Lamps::Exact));
-    assert_eq!(exact.lamps().len(), 1280);
+    assert!(plan(&statue, statue.settings.lamps(Lamps::Exact)).lamps().len() > 1024);
+    // A globe is one lamp, its silhouette.
+    let globe = lit_by(Shape::Icosphere { level: 3, inward: false });
+    assert_eq!(plan(&globe, globe.settings).lamps().len(), 1);
+}
+
+/// A globe that is seen whole lights a point with E = π L (r/d)² cos θ.
+#[test]
+fn a_globe_lights_by_the_square_of_its_distance() {
+    let scene = over_a_floor(|b, _| {
+        let globe = Shape::Icosphere { level: 4, inward: false };
+        b.shape("globe", globe, &emitter(), at(0.1, 1.0, 0.2) * sized(0.2));
+    });
+    let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
+    let lamps = lamps(&scene, &facets, 1e-7);
+    let area: f64 = lamps[0].triangles.iter().map(|&i| facets[i as usize].area).sum();
+    let light = DirectLight::of_points(&facets, lamps, Visibility::Exact, |i| scene.material(i));
+    // The silhouette of a convex solid has a quarter of its area, on average over all directions.
+    let squared = area / (4.0 * PI);
+    for i in scene.meshes[0].range.clone() {
+        let point = facets[i as usize].centroid;
+        let way = DVec3::new(0.1, 1.0, 0.2) - point;
+        let truth = PI * squared / way.length_squared() * way.y / way.length();
+        let found = light.at_points(&facets, i as usize, &[point])[0][0].dot(facets[i as usize].normal);
+        assert!((found / truth - 1.0).abs() <= 3e-3, "{found}, not {truth}");
+    }
 }
 
 /// Nine balls over a floor, each of 80 triangles, under a lamp and a sky.

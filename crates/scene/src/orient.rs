@@ -179,7 +179,7 @@ impl<'a> Light<'a> {
             for &lamp in spread(&others) {
                 for (from, to) in self.scene.points_on(t).into_iter().zip(self.scene.points_on(lamp)) {
                     let height = (to - from).dot(normal);
-                    if height != 0.0 && !self.rays.blocked(from, to, [t, lamp]) {
+                    if height != 0.0 && !self.rays.blocked(from, to, |i| i == t || i == lamp) {
                         seen[usize::from(height < 0.0)] += 1;
                     }
                 }

@@ -77,13 +77,13 @@ impl Rays {
         best.map(|(triangle, hit)| (triangle, hit.distance))
     }
 
-    /// Whether any triangle but two, front or back, lies between two points.
-    pub fn blocked(&self, from: DVec3, to: DVec3, except: [usize; 2]) -> bool {
+    /// Whether any triangle lies between two points, front or back, that is not an exception.
+    pub fn blocked(&self, from: DVec3, to: DVec3, exception: impl Fn(usize) -> bool) -> bool {
         let length = from.distance(to);
         let direction = (to - from) / length;
         let mut found = false;
         self.visit(from, direction, length, |triangle, limit| {
-            let hit = self.hit(triangle, from, direction).filter(|_| !except.contains(&triangle));
+            let hit = self.hit(triangle, from, direction).filter(|_| !exception(triangle));
             if hit.is_some_and(|hit| hit.distance < length - self.epsilon) {
                 found = true;
                 // No other hit matters.

@@ -134,11 +134,19 @@ impl Blockers {
         lamp: &Placed,
         most: Option<usize>,
     ) -> Option<Vec<u32>> {
-        let shaft = Shaft::new(points, normal, &lamp.corners, lamp.normal, self.tolerance);
-        let misses = |p: &u32| shaft.misses(geometry.corners(self.polygon(*p)));
-        let under_lamp = |p: &Polygon| {
-            geometry.corners(p).any(|c| (c - lamp.corners[0]).dot(lamp.normal) < -self.tolerance)
+        let own = |p: u32| {
+            let triangles = lamp.lamp.solid.as_ref().map_or(&[][..], |solid| solid.triangles());
+            triangles.binary_search(&self.polygon(p).triangles[0]).is_ok()
         };
+        // The planes of silhouettes lie behind the face that is nearest.
+        let (lamp_corner, lamp_normal, behind) = match &lamp.lamp.solid {
+            Some(_) => nearest(points, &lamp.corners),
+            None => (lamp.corners[0], lamp.normal, lamp.normal),
+        };
+        let shaft = Shaft::new(points, normal, &lamp.corners, behind, self.tolerance);
+        let misses = |p: &u32| own(*p) || shaft.misses(geometry.corners(self.polygon(*p)));
+        let under_lamp =
+            |p: &Polygon| geometry.corners(p).any(|c| (c - lamp_corner).dot(lamp_normal) < -self.tolerance);
         let in_parts = |p: &u32| self.polygon(*p).triangles.len() > 1 && under_lamp(self.polygon(*p));
         let mut met = Vec::new();
         let mut counted = Vec::new();
@@ -177,6 +185,14 @@ impl Blockers {
         found.sort_by(|(a, i), (b, j)| b.total_cmp(a).then(i.cmp(j)));
         most.is_none_or(|most| found.len() <= most).then(|| found.into_iter().map(|(_, p)| p).collect())
     }
+}
+
+/// The corner of a solid that is nearest to some points, the direction from it to them, and no plane that all of the solid is behind.
+fn nearest(points: &[DVec3], corners: &[DVec3]) -> (DVec3, DVec3, DVec3) {
+    let mean = |points: &[DVec3]| points.iter().sum::<DVec3>() / points.len() as f64;
+    let to_points = (mean(points) - mean(corners)).normalize_or_zero();
+    let first = |a: &&DVec3, b: &&DVec3| a.dot(to_points).total_cmp(&b.dot(to_points));
+    (corners.iter().max_by(first).copied().unwrap_or_default(), to_points, DVec3::ZERO)
 }
 
 /// The triangles with some of the scene on either side of their planes. Others stand between no two points of it: walls of a room, say.

@@ -12,6 +12,7 @@ use super::visible::{
 };
 use crate::model::FacetGradient;
 use glam::DVec3;
+use std::borrow::Cow;
 
 /// What a part adds to Φ, without the sides in which it touches other parts: those of two parts cancel.
 fn of_boundary(part: &[Side]) -> DVec3 {
@@ -53,7 +54,7 @@ pub struct Sight<'a> {
     pub geometry: Geometry<'a>,
     pub point: DVec3,
     pub normal: DVec3,
-    pub lamp: &'a Placed<'a>,
+    pub lamp: Cow<'a, Placed<'a>>,
     /// Polygons that may be in between.
     pub blockers: &'a [u32],
     /// How much of the light that passes these arrives.
@@ -277,8 +278,10 @@ impl Sight<'_> {
         let (at_b, at_c) = ((c - a).cross(by_area_vector), by_area_vector.cross(b - a));
         let corners = [by_a - at_b - at_c, at_b, at_c];
         out.add(triangle, FacetGradient { corners, ..FacetGradient::default() });
-        let normal = FacetGradient { normal: by_lamp_normal, ..FacetGradient::default() };
-        out.add(self.lamp.lamp.first() as u32, normal);
+        // The plane of a silhouette counts as fixed: little stands at it.
+        if let Some(plane) = self.lamp.plane {
+            out.add(plane, FacetGradient { normal: by_lamp_normal, ..FacetGradient::default() });
+        }
         out.corner(lamp_corner, by_l);
         -(by_a + by_l)
     }

@@ -2,7 +2,7 @@
 //!
 //! What a point sees of a lamp is the lamp's cone of directions less the cones of all triangles in between. The rest is cut into
 //! convex cones, each of which Lambert's formula integrates exactly, so that there is no sampling noise, and the boundaries of what is
-//! visible move smoothly with every vertex. Only the mean over a receiver is a quadrature.
+//! visible move smoothly with every vertex. Only the mean over a receiver is a quadrature. Of a bulb a point sees the silhouette.
 
 mod blockers;
 mod cone;
@@ -14,6 +14,7 @@ mod polygon;
 mod quadrature;
 mod sampling;
 mod shaft;
+mod solid;
 mod subtraction;
 mod trapezoids;
 mod visible;
@@ -566,7 +567,10 @@ impl<'a> Between<'a> {
     ) -> Self {
         let Facet { corners, normal, .. } = geometry.facets[receiver];
         let between = Self::points(geometry, sampling, receiver, &corners, lamp);
-        let of = |rays: &Sampling| rays.share(receiver, Origin::Triangle(corners), normal, lamp, None);
+        let of = |rays: &Sampling| {
+            let seen = geometry.seen_from(lamp.1, corners.iter().sum::<DVec3>() / 3.0);
+            rays.share(receiver, Origin::Triangle(corners), normal, (lamp.0, &seen), None)
+        };
         let share = between.sampling.map_or(Share::ALL, of);
         Self { share, sampling: None, ..between }
     }
@@ -575,17 +579,18 @@ impl<'a> Between<'a> {
     fn moves(&self, moves: impl Fn(u32) -> bool) -> bool {
         let polygon = |polygon: &Polygon| polygon.triangles.iter().any(|&i| moves(i));
         let blockers = self.geometry.blockers;
-        polygon(self.lamp.1.lamp) || self.blockers.iter().any(|&number| polygon(blockers.polygon(number)))
+        polygon(&self.lamp.1.lamp) || self.blockers.iter().any(|&number| polygon(blockers.polygon(number)))
     }
 
     /// The sight of the lamp from a point, for light that falls on it, or with `lobe`, that is reflected
     /// there.
     fn sight(&self, point: DVec3, lobe: Option<&Lobe>) -> Sight<'_> {
-        let &Self { geometry, receiver, lamp, ref blockers, sampling, share } = self;
+        let &Self { geometry, receiver, lamp: (number, lamp), ref blockers, sampling, share } = self;
         let normal = geometry.facets[receiver].normal;
-        let of = |rays: &Sampling| rays.share(receiver, Origin::Point(point), normal, lamp, lobe);
+        let lamp = geometry.seen_from(lamp, point);
+        let of = |rays: &Sampling| rays.share(receiver, Origin::Point(point), normal, (number, &lamp), lobe);
         let share = sampling.map_or(share, of).value;
-        Sight { geometry, point, normal, lamp: lamp.1, blockers, share }
+        Sight { geometry, point, normal, lamp, blockers, share }
     }
 
     /// Standard error of what the triangle receives, as a share of that.

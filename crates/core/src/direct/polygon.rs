@@ -1,11 +1,13 @@
 //! Planar convex polygons, merged from triangles: lamps, and what blocks their light. A shadow then takes as many cuts as a face has
 //! edges, however fine its mesh.
 
+use super::solid::Solid;
 use crate::model::Facet;
 use antirad_scene::{Welded, sides};
 use glam::{DVec2, DVec3};
 use std::collections::HashSet;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Relative difference of areas up to which a convex hull is the union of its triangles.
 const FILLED: f64 = 1e-9;
@@ -21,13 +23,27 @@ pub struct Polygon {
     pub outline: Vec<[u32; 2]>,
     /// The place of each corner in the outline.
     starts: Vec<u32>,
+    /// The surface, where this stands for a convex closed emitter: corners are all of its vertices then.
+    pub solid: Option<Arc<Solid>>,
 }
 
 impl Polygon {
     /// One triangle.
     pub fn single(triangle: u32) -> Self {
         let corners = vec![[triangle, 0], [triangle, 1], [triangle, 2]];
-        Self { triangles: vec![triangle], outline: corners.clone(), corners, starts: vec![0, 1, 2] }
+        Self {
+            triangles: vec![triangle],
+            outline: corners.clone(),
+            corners,
+            starts: vec![0, 1, 2],
+            solid: None,
+        }
+    }
+
+    /// Triangles with these corners around them.
+    pub fn around(triangles: Vec<u32>, corners: Vec<[u32; 2]>) -> Self {
+        let starts = (0..corners.len() as u32).collect();
+        Self { triangles, outline: corners.clone(), corners, starts, solid: None }
     }
 
     /// The first of its triangles, which has its plane and, of a lamp, its emission.
@@ -167,7 +183,13 @@ pub fn merged(facets: &[Facet], group: &[u32]) -> Option<Polygon> {
     };
     let starts: Vec<u32> = (0..outline.len()).filter(|&k| turns(k)).map(|k| k as u32).collect();
     let corners: Vec<[u32; 2]> = starts.iter().map(|&k| outline[k as usize]).collect();
-    (filled && corners.len() >= 3).then(|| Polygon { triangles: group.to_vec(), corners, outline, starts })
+    (filled && corners.len() >= 3).then(|| Polygon {
+        triangles: group.to_vec(),
+        corners,
+        outline,
+        starts,
+        solid: None,
+    })
 }
 
 /// The convex hull of points in lexicographic order, counter-clockwise, with the points on its sides: those whose triangle with

@@ -74,6 +74,8 @@ impl Sampling {
         let light = |(lamp, radiance): (&Lamp, &DVec3)| {
             let triangles = || lamp.triangles.iter().map(|&i| &facets[i as usize]);
             let area: f64 = triangles().map(|facet| facet.area).sum();
+            // The mean silhouette of a convex solid has a quarter of its area (Cauchy).
+            let area = if lamp.solid.is_some() { area / 4.0 } else { area };
             let squared = facets[lamp.first()].centroid.distance_squared(middle);
             radiance.element_sum() * (area / squared.max(area)).min(1.0)
         };
@@ -127,7 +129,8 @@ impl Sampling {
             let weight = reflected * cosines[0] * cosines[1] / (squared * squared);
             if weight > 0.0 {
                 all[ray % 2] += weight;
-                if !self.rays.blocked(point, to, [receiver, lamp.lamp.first()]) {
+                let own = |i: usize| i == receiver || lamp.lamp.triangles.binary_search(&(i as u32)).is_ok();
+                if !self.rays.blocked(point, to, own) {
                     arrives[ray % 2] += weight;
                 }
             }

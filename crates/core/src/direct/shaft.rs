@@ -14,12 +14,12 @@ const AROUND: usize = 8;
 
 impl Shaft {
     /// Between points in front of a plane (a receiver's, through `points[0]` with `normal`) and the corners of a lamp. What does not
-    /// rise more than `tolerance` above the planes of receiver and lamp is outside.
+    /// rise more than `tolerance` above the planes of receiver and lamp is outside; `lamp_normal` is zero for lamps without a plane.
     pub fn new(points: &[DVec3], normal: DVec3, lamp: &[DVec3], lamp_normal: DVec3, tolerance: f64) -> Self {
-        let mut planes = vec![
-            (-normal, -normal.dot(points[0]) - tolerance),
-            (-lamp_normal, -lamp_normal.dot(lamp[0]) - tolerance),
-        ];
+        let mut planes = vec![(-normal, -normal.dot(points[0]) - tolerance)];
+        if lamp_normal != DVec3::ZERO {
+            planes.push((-lamp_normal, -lamp_normal.dot(lamp[0]) - tolerance));
+        }
         let all = || points.iter().chain(lamp);
         let farthest = |n: DVec3| all().map(|x| n.dot(*x)).fold(f64::NEG_INFINITY, f64::max);
         let mut bound = |n: DVec3| planes.push((n, farthest(n)));

@@ -56,7 +56,7 @@ impl Subtraction {
 
     /// Lists the blockers whose cones meet that of the lamp, which is all of the stack.
     fn see_blockers(&mut self, sight: &Sight, places: impl Iterator<Item = usize>) {
-        let &Sight { ref geometry, point, lamp, blockers, .. } = sight;
+        let &Sight { ref geometry, point, ref lamp, blockers, .. } = sight;
         self.seen.clear();
         self.normals.clear();
         let cone = &self.stack;

@@ -9,6 +9,7 @@ use super::subtraction::Subtraction;
 use super::trapezoids::{Edge, Trapezoid, Trapezoids};
 use crate::model::{Facet, orthonormal_basis};
 use glam::{DMat3, DVec2, DVec3};
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// What shadows are computed from: triangles, in any unit of length, and what they block.
@@ -19,11 +20,15 @@ pub struct Geometry<'a> {
 }
 
 /// A lamp in place.
+#[derive(Clone)]
 pub struct Placed<'a> {
-    pub lamp: &'a Lamp,
+    /// Of a solid, its silhouette from a point.
+    pub lamp: Cow<'a, Lamp>,
     pub corners: Vec<DVec3>,
     pub outline: Vec<DVec3>,
     pub normal: DVec3,
+    /// The triangle that has this normal; none has that of a silhouette.
+    pub plane: Option<u32>,
     /// Axes: two along its plane, and one away from its front. Edges of a scene are rarely parallel to the first two.
     pub frame: DMat3,
 }
@@ -59,14 +64,27 @@ impl Geometry<'_> {
     }
 
     pub fn place<'b>(&self, lamp: &'b Lamp) -> Placed<'b> {
+        self.placed(Cow::Borrowed(lamp), self.facets[lamp.first()].normal, Some(lamp.first() as u32))
+    }
+
+    /// A lamp as a point sees it: a solid has another silhouette from each.
+    pub fn seen_from<'b>(&self, lamp: &'b Placed, point: DVec3) -> Cow<'b, Placed<'b>> {
+        let solid = lamp.lamp.solid.as_ref();
+        match solid.and_then(|solid| solid.seen_from(self.facets, point)) {
+            Some((silhouette, normal)) => Cow::Owned(self.placed(Cow::Owned(silhouette), normal, None)),
+            None => Cow::Borrowed(lamp),
+        }
+    }
+
+    fn placed<'b>(&self, lamp: Cow<'b, Lamp>, normal: DVec3, plane: Option<u32>) -> Placed<'b> {
         let at = |&corner: &[u32; 2]| self.corner(corner);
-        let normal = self.facets[lamp.first()].normal;
         Placed {
-            lamp,
             corners: lamp.corners.iter().map(at).collect(),
             outline: lamp.outline.iter().map(at).collect(),
             normal,
+            plane,
             frame: orthonormal_basis(-normal) * DMat3::from_rotation_z(TURN),
+            lamp,
         }
     }
 
@@ -77,7 +95,10 @@ impl Geometry<'_> {
             |plane: DVec3, normal: DVec3, corner: &DVec3| (*corner - plane).dot(normal) > self.tolerance();
         facet.area > 0.0
             && lamp.corners.iter().any(|c| above(facet.centroid, facet.normal, c))
-            && facet.corners.iter().any(|c| above(lamp.corners[0], lamp.normal, c))
+            && facet.corners.iter().any(|c| match &lamp.lamp.solid {
+                Some(solid) => solid.is_seen_from(self.facets, *c, self.tolerance()),
+                None => above(lamp.corners[0], lamp.normal, c),
+            })
     }
 }
 
@@ -203,7 +224,11 @@ impl Visible {
     /// Calls `emit` with convex cones without overlap, which are what is visible of the lamp above the
     /// horizon. `outline`: whether sides end at all vertices of the lamp's outline, or only at its corners.
     pub fn parts(&mut self, sight: &Sight, outline: bool, emit: &mut dyn FnMut(&[Side])) {
-        let &Sight { ref geometry, point, normal, lamp, blockers, .. } = sight;
+        let &Sight { ref geometry, point, normal, ref lamp, blockers, .. } = sight;
+        // Within a solid there is no silhouette.
+        if lamp.lamp.solid.is_some() {
+            return;
+        }
         let corners = if outline { &lamp.outline } else { &lamp.corners };
         if (point - corners[0]).dot(lamp.normal) <= geometry.tolerance() {
             return;

@@ -186,7 +186,7 @@ impl<'a> PathTracer<'a> {
         }
         let direction = way / r2.sqrt();
         let reflected = reflection.brdf(direction);
-        if reflected == DVec3::ZERO || self.rays.blocked(point, target, [triangle, light]) {
+        if reflected == DVec3::ZERO || self.rays.blocked(point, target, |i| i == triangle || i == light) {
             return DVec3::ZERO;
         }
         let geometry = here * there / (r2 * r2);

@@ -111,9 +111,10 @@ struct Emitted<'a> {
     power: f64,
 }
 
-/// A lamp as points between its centre and its corners.
+/// A lamp as points between its centre and its corners, or as its centre alone if it is a solid.
 struct Source {
-    normal: DVec3,
+    /// None of a solid, which shines all around.
+    normal: Option<DVec3>,
     power: f64,
     points: Vec<DVec3>,
 }
@@ -125,10 +126,14 @@ impl<'a> Emitted<'a> {
             let corners: Vec<DVec3> = lamp.corners.iter().map(corner).collect();
             let centre = corners.iter().sum::<DVec3>() / corners.len() as f64;
             let area: f64 = lamp.triangles.iter().map(|&i| facets[i as usize].area).sum();
+            let solid = lamp.solid.is_some();
             Source {
-                normal: facets[lamp.first()].normal,
+                normal: (!solid).then(|| facets[lamp.first()].normal),
                 power: area * scene.material(lamp.first()).emission.iter().sum::<f64>(),
-                points: corners.iter().map(|corner| 0.5 * (corner + centre)).collect(),
+                points: match solid {
+                    true => vec![centre],
+                    false => corners.iter().map(|corner| 0.5 * (corner + centre)).collect(),
+                },
             }
         };
         let lamps: Vec<Source> = lamps.iter().map(source).collect();
@@ -141,10 +146,11 @@ impl<'a> Emitted<'a> {
         if self.scene.material(triangle).diffuse_albedo() == [0.0; 3] {
             return 0.0;
         }
-        let form_factor = |point: DVec3, normal: DVec3| {
+        let form_factor = |point: DVec3, normal: Option<DVec3>| {
             let sides = (0..3).map(|k| (0, [k, (k + 1) % 3].map(|k| receiver.corners[k] - point)));
             // Seen from its front, a triangle runs the other way than the cone that it closes.
-            (-vector_irradiance(sides).dot(normal) / PI).max(0.0)
+            let flux = vector_irradiance(sides);
+            normal.map_or(flux.length() / (4.0 * PI), |normal| (-flux.dot(normal) / PI).max(0.0))
         };
         let from = |lamp: &Source| {
             let faces = |point: &&DVec3| (**point - receiver.centroid).dot(receiver.normal) > 0.0;
