@@ -298,6 +298,22 @@ fn a_globe_lights_by_the_square_of_its_distance() {
     }
 }
 
+/// A globe that stands on a floor, is sunk into it, or hangs close over a plate.
+#[test]
+fn globes_that_touch_others() {
+    for (name, height, plate) in [("stands", 0.2, None), ("sunk", 0.1, None), ("close", 0.6, Some(0.38))] {
+        let scene = over_a_floor(|b, black| {
+            let globe = Shape::Icosphere { level: 2, inward: false };
+            b.shape("globe", globe, &emitter(), at(0.1, height, 0.2) * sized(0.2));
+            if let Some(at_height) = plate {
+                let wide = DAffine3::from_scale(DVec3::new(0.9, 1.0, 0.5));
+                b.shape("plate", Shape::Quad { cells: 2 }, black, at(-0.3, at_height, -0.05) * wide);
+            }
+        });
+        agrees(name, &scene);
+    }
+}
+
 /// Nine balls over a floor, each of 80 triangles, under a lamp and a sky.
 fn balls() -> Scene {
     let mut scene = over_a_floor(|b, m| {

@@ -326,7 +326,7 @@ mod killed {
         ended(&run);
         let reached: u32 = last_iteration(&run.stderr);
         // `timeout` ends it by itself.
-        let run = Run::from(timeout("4s").output().expect("timeout runs"));
+        let run = Run::from(timeout("1s").output().expect("timeout runs"));
         ended(&run);
         let first = run.stderr.lines().nth(1).expect("an iteration");
         assert!(first.starts_with(&format!("job iteration {}:", reached + 1)), "{reached}, then {first}");
