@@ -12,8 +12,7 @@ use antirad::backend::{Backend, BackendChoice};
 use antirad::gpu::DeviceOptions;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::scene::{Material, Movable, Scene, SceneBuilder, Shape, SolveSettings};
-use antirad_core::transport;
-use antirad_core::transport::{Operators, State};
+use antirad_core::transport::{self, Operators, State};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::{Duration, Instant};
 

@@ -163,7 +163,7 @@ pub mod warnings {
     #[doc(inline)]
     pub use antirad_render::warnings::{
         Effect, Example, Kind, MATTERS, RefineError, RefineOptions, Refined, Warning, Warnings, refine,
-        too_coarse,
+        told_from, too_coarse,
     };
 }
 

@@ -13,8 +13,7 @@ use antirad::scene::{
 use antirad::{Engine, SolveParams};
 use antirad_core::model::Clusters;
 use antirad_core::plan::Residency;
-use antirad_core::shaders;
-use antirad_core::shaders::RealShader;
+use antirad_core::shaders::{self, RealShader};
 use antirad_core::solve::Orthonormalised;
 use antirad_core::transport::{Operators, State as Vector, vulkan};
 use antirad_reference::{Exchange, Model, State, emission, observe};

@@ -105,11 +105,6 @@ fn layer_of<'a>(package: &'a str, name: &'a str) -> &'a str {
     }
 }
 
-/// The layer of each name at the root of the crate `antirad`, which has those of all others.
-fn layer_of_facade(name: &str) -> &str {
-    layer_of("core", name)
-}
-
 /// The first names of all paths that start with a prefix, comments and the module of tests apart.
 fn used(source: &str, prefix: &str) -> Vec<String> {
     let source = source.split("#[cfg(test)]\nmod tests").next().unwrap_or(source);
@@ -182,12 +177,12 @@ fn arrows_go_one_way() {
             let mut files = Vec::new();
             sources(&path, &mut files);
             for (file, text) in files {
-                let own = if package == "cli" { "facade" } else { package };
+                // The root of the crate `antirad` has the names of `antirad-core`, and modules named as in their crates.
+                let own = if package == "cli" { "core" } else { package };
                 let roots = packages.map(|package| (package, format!("antirad_{package}::")));
                 for (root, prefix) in roots.into_iter().chain([(own, "crate::".to_owned())]) {
                     for used in used(&text, &prefix) {
-                        let layer =
-                            if root == "facade" { layer_of_facade(&used) } else { layer_of(root, &used) };
+                        let layer = layer_of(root, &used);
                         if layer != name && !uses.contains(&layer) {
                             wrong.push(format!("{file}: {name} may not use {layer} ({prefix}{used})"));
                         }

@@ -2,8 +2,7 @@
 
 use crate::errors::{OrRaise, invalid};
 use crate::work;
-use antirad::backend;
-use antirad::backend::BackendChoice;
+use antirad::backend::{self, BackendChoice};
 use antirad::gpu::{DeviceInfo, DeviceOptions, GpuError, list_devices};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -6,8 +6,7 @@ use crate::plan::from_json;
 use crate::scene::Scene;
 use crate::work;
 use antirad::plan::{Plan, PlanOptions};
-use antirad::warnings;
-use antirad::warnings::{RefineOptions, Warnings};
+use antirad::warnings::{self, RefineOptions, Warnings};
 use pyo3::prelude::*;
 
 /// Something that makes a result less accurate, with the triangles to blame. Printed, it says all of this.

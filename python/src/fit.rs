@@ -6,9 +6,8 @@ use crate::errors::{OrRaise, Raise, exceptions, word};
 use crate::plan::from_json;
 use crate::scene::{Camera, Scene};
 use crate::work::{self, Report, callback, record_dict};
-use antirad::fit;
 use antirad::fit::{
-    EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, RunOptions, Settings,
+    self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, RunOptions, Settings,
     StopRule,
 };
 use antirad::glam::DVec3;

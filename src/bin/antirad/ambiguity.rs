@@ -96,7 +96,7 @@ struct Row {
 }
 
 pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<(), Failure> {
-    let scene = arguments.settings.load_reduced(interrupt)?;
+    let scene = arguments.settings.load_settled(interrupt)?;
     let cameras = cameras::choose(&scene, &arguments.camera)?;
     if let Some(wrong) = arguments.triangle.iter().find(|&&i| i >= scene.triangles.len()) {
         let message = format!(

@@ -55,16 +55,13 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> 
         };
         antirad::say!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        let shown = if arguments.all {
-            warnings.clone()
-        } else {
-            Warnings { list: warnings.above(MATTERS).cloned().collect() }
-        };
-        antirad::say!("{}: {} triangles, {bins} bins\n\n{shown}", scene.name, scene.triangles.len());
-        let rest: Vec<&str> =
-            warnings.list.iter().filter(|w| !shown.list.contains(w)).map(|w| w.kind.name()).collect();
+        let told = |warning: &Warning| arguments.all || warning.effect.exceeds(MATTERS);
+        let (list, rest): (Vec<_>, Vec<_>) = warnings.list.into_iter().partition(told);
+        let told = Warnings { list };
+        antirad::say!("{}: {} triangles, {bins} bins\n\n{told}", scene.name, scene.triangles.len());
         if !rest.is_empty() {
-            antirad::say!("\nbelow 1 % of the light each: {} (--all)", rest.join(", "));
+            let kinds: Vec<&str> = rest.iter().map(|warning| warning.kind.name()).collect();
+            antirad::say!("\nbelow 1 % of the light each: {} (--all)", kinds.join(", "));
         }
     }
     Ok(())

@@ -2,8 +2,7 @@
 
 use crate::Failure;
 use crate::settings::SceneFile;
-use antirad::export;
-use antirad::export::Format;
+use antirad::export::{self, Format};
 use antirad::output::prepare_directory;
 use clap::{Args, ValueEnum};
 use std::f64::consts::PI;

@@ -18,8 +18,7 @@ mod status;
 mod together;
 mod trace;
 
-use antirad::cli;
-use antirad::cli::Interrupt;
+use antirad::cli::{self, Interrupt};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 use together::Together;

@@ -18,7 +18,7 @@ use antirad::scene::{Camera, Choice, Precision, Scene};
 use antirad::target_error::{
     Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
 };
-use antirad::warnings::{Kind, MATTERS, Warning, Warnings};
+use antirad::warnings::{Kind, MATTERS, Warning, Warnings, told_from};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
@@ -161,8 +161,7 @@ pub fn run(
     write_rows(&directory, "irradiance.npy", &irradiance, scene.settings.precision)?;
     write_rows(&directory, "radiosity.npy", &radiosity, scene.settings.precision)?;
     stages.end("write");
-    let least = arguments.target_error.map_or(MATTERS, |error| error.min(MATTERS));
-    for warning in answer.warnings.above(least) {
+    for warning in answer.warnings.above(told_from(arguments.target_error)) {
         let (kind, Warning { message, effect, remedy, .. }) = (warning.kind.name(), warning);
         tracing::warn!("{kind}: {message}; effect: {effect}; remedy: {remedy}");
     }

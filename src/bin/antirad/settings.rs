@@ -79,7 +79,7 @@ impl MeshSettings {
     }
 
     /// For commands that do not solve to a target error: the usual settings are chosen.
-    pub fn load_reduced(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
+    pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
         Ok(settled(self.load()?, interrupt))
     }
 
@@ -143,7 +143,7 @@ impl SceneSettings {
     }
 
     /// The scene with the usual settings, for commands that do not solve to a target error.
-    pub fn load_reduced(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
+    pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
         Ok(settled(self.load()?, interrupt))
     }
 

@@ -1,8 +1,7 @@
 //! `antirad status`: how far the fits in a folder are.
 
 use crate::Failure;
-use antirad::cli;
-use antirad::cli::Interrupt;
+use antirad::cli::{self, Interrupt};
 use antirad::fit::{State, Status, now};
 use clap::Args;
 use std::fmt::Write;

@@ -2,7 +2,7 @@
 //! polygons.
 
 use super::lamps::Lamp;
-use super::polygon::{Polygon, connected, in_plane, merged};
+use super::polygon::{Polygon, connected, farthest, in_plane, mean, merged};
 use super::shaft::Shaft;
 use super::visible::{Geometry, Placed};
 use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
@@ -138,12 +138,18 @@ impl Blockers {
             let triangles = lamp.lamp.solid.as_ref().map_or(&[][..], |solid| solid.triangles());
             triangles.binary_search(&self.polygon(p).triangles[0]).is_ok()
         };
-        // The planes of silhouettes lie behind the face that is nearest.
-        let (lamp_corner, lamp_normal, behind) = match &lamp.lamp.solid {
-            Some(_) => nearest(points, &lamp.corners),
-            None => (lamp.corners[0], lamp.normal, lamp.normal),
+        let centre = mean(points);
+        let has_plane = lamp.lamp.solid.is_none();
+        // Silhouettes have planes of their own, behind the corner that is nearest.
+        let (lamp_corner, lamp_normal) = match has_plane {
+            true => (lamp.corners[0], lamp.normal),
+            false => {
+                let to_points = (centre - mean(&lamp.corners)).normalize_or_zero();
+                (lamp.corners[farthest(&lamp.corners, to_points)], to_points)
+            }
         };
-        let shaft = Shaft::new(points, normal, &lamp.corners, behind, self.tolerance);
+        let plane = has_plane.then_some(lamp.normal);
+        let shaft = Shaft::new(points, normal, &lamp.corners, plane, self.tolerance);
         let misses = |p: &u32| own(*p) || shaft.misses(geometry.corners(self.polygon(*p)));
         let under_lamp =
             |p: &Polygon| geometry.corners(p).any(|c| (c - lamp_corner).dot(lamp_normal) < -self.tolerance);
@@ -166,7 +172,6 @@ impl Blockers {
         }
         met.sort_unstable();
         met.dedup();
-        let centre = points.iter().sum::<DVec3>() / points.len() as f64;
         let width = |p: u32| {
             let (area, centroid) = self.moments[p as usize];
             area / (centroid - centre).length_squared().max(f64::MIN_POSITIVE)
@@ -185,14 +190,6 @@ impl Blockers {
         found.sort_by(|(a, i), (b, j)| b.total_cmp(a).then(i.cmp(j)));
         most.is_none_or(|most| found.len() <= most).then(|| found.into_iter().map(|(_, p)| p).collect())
     }
-}
-
-/// The corner of a solid that is nearest to some points, the direction from it to them, and no plane that all of the solid is behind.
-fn nearest(points: &[DVec3], corners: &[DVec3]) -> (DVec3, DVec3, DVec3) {
-    let mean = |points: &[DVec3]| points.iter().sum::<DVec3>() / points.len() as f64;
-    let to_points = (mean(points) - mean(corners)).normalize_or_zero();
-    let first = |a: &&DVec3, b: &&DVec3| a.dot(to_points).total_cmp(&b.dot(to_points));
-    (corners.iter().max_by(first).copied().unwrap_or_default(), to_points, DVec3::ZERO)
 }
 
 /// The triangles with some of the scene on either side of their planes. Others stand between no two points of it: walls of a room, say.

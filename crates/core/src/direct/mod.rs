@@ -565,10 +565,10 @@ impl<'a> Between<'a> {
         receiver: usize,
         lamp: (usize, &'a Placed<'a>),
     ) -> Self {
-        let Facet { corners, normal, .. } = geometry.facets[receiver];
+        let Facet { corners, normal, centroid, .. } = geometry.facets[receiver];
         let between = Self::points(geometry, sampling, receiver, &corners, lamp);
         let of = |rays: &Sampling| {
-            let seen = geometry.seen_from(lamp.1, corners.iter().sum::<DVec3>() / 3.0);
+            let seen = geometry.seen_from(lamp.1, centroid);
             rays.share(receiver, Origin::Triangle(corners), normal, (lamp.0, &seen), None)
         };
         let share = between.sampling.map_or(Share::ALL, of);
@@ -665,11 +665,11 @@ mod tests {
         scene
     }
 
-    fn facets(scene: &Scene) -> Vec<Facet> {
+    pub fn facets(scene: &Scene) -> Vec<Facet> {
         (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect()
     }
 
-    fn exact(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>) -> DirectLight {
+    pub fn exact(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>) -> DirectLight {
         let ranks = Ranks::default();
         DirectLight::new(&ranks, facets, lamps, Visibility::Exact, |i| scene.material(i)).expect("one rank")
     }

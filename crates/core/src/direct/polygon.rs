@@ -66,6 +66,17 @@ impl Polygon {
     }
 }
 
+/// The mean of some points.
+pub fn mean(points: &[DVec3]) -> DVec3 {
+    points.iter().sum::<DVec3>() / points.len() as f64
+}
+
+/// The place of the point that is farthest in a direction.
+pub fn farthest(points: &[DVec3], direction: DVec3) -> usize {
+    let along = |k: &usize| points[*k].dot(direction);
+    (0..points.len()).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(0)
+}
+
 /// Whether triangle `j` lies in the plane of triangle `i`, up to an angle between normals with a sine of `parallel` and a height of
 /// `tolerance`, and faces the same side.
 pub fn in_plane(facets: &[Facet], [i, j]: [u32; 2], parallel: f64, tolerance: f64) -> bool {

@@ -1,6 +1,7 @@
 //! Shafts: bounds of all lines between some points and a lamp, which reject most blockers early (E. Haines and J. Wallace,
 //! *Shaft Culling for Efficient Ray-Cast Radiosity*, 1991).
 
+use super::polygon::mean;
 use crate::model::{BoundedRun, orthonormal_basis};
 use glam::DVec3;
 
@@ -14,12 +15,16 @@ const AROUND: usize = 8;
 
 impl Shaft {
     /// Between points in front of a plane (a receiver's, through `points[0]` with `normal`) and the corners of a lamp. What does not
-    /// rise more than `tolerance` above the planes of receiver and lamp is outside; `lamp_normal` is zero for lamps without a plane.
-    pub fn new(points: &[DVec3], normal: DVec3, lamp: &[DVec3], lamp_normal: DVec3, tolerance: f64) -> Self {
+    /// rise more than `tolerance` above the planes of receiver and lamp is outside; `lamp_normal` is that of lamps in a plane.
+    pub fn new(
+        points: &[DVec3],
+        normal: DVec3,
+        lamp: &[DVec3],
+        lamp_normal: Option<DVec3>,
+        tolerance: f64,
+    ) -> Self {
         let mut planes = vec![(-normal, -normal.dot(points[0]) - tolerance)];
-        if lamp_normal != DVec3::ZERO {
-            planes.push((-lamp_normal, -lamp_normal.dot(lamp[0]) - tolerance));
-        }
+        planes.extend(lamp_normal.map(|normal| (-normal, -normal.dot(lamp[0]) - tolerance)));
         let all = || points.iter().chain(lamp);
         let farthest = |n: DVec3| all().map(|x| n.dot(*x)).fold(f64::NEG_INFINITY, f64::max);
         let mut bound = |n: DVec3| planes.push((n, farthest(n)));
@@ -27,7 +32,6 @@ impl Shaft {
             bound(axis);
             bound(-axis);
         }
-        let mean = |points: &[DVec3]| points.iter().sum::<DVec3>() / points.len() as f64;
         let (from, to) = (mean(points), mean(lamp));
         let length = (to - from).length();
         if length > 0.0 {

@@ -3,9 +3,9 @@
 //! By Lambert's formula the light of all faces that are seen is that of their common boundary. Silhouettes are nearly plane: what stands
 //! before their plane blocks, what stands behind does not. So only emitters count whose silhouettes are, seen from anywhere.
 
-use super::polygon::{Polygon, connected};
+use super::polygon::{Polygon, connected, farthest, mean};
 use crate::model::{Facet, orthonormal_basis};
-use antirad_scene::{Welded, sides};
+use antirad_scene::{Welded, bounds, sides};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -82,7 +82,7 @@ impl Solid {
     /// Whether silhouettes are nearly plane, seen from far away all around.
     fn is_round(&self, facets: &[Facet]) -> bool {
         let all: Vec<DVec3> = (0..self.vertices.len() as u32).map(|v| self.place(facets, v)).collect();
-        let centre = all.iter().sum::<DVec3>() / all.len() as f64;
+        let centre = mean(&all);
         let far = 100.0 * all.iter().map(|v| v.distance(centre)).fold(0.0, f64::max);
         let plane = |[k, l]: [u32; 2]| {
             let [u, v] = [k, l].map(|k| (f64::from(k) + 0.37) / f64::from(TRIED));
@@ -91,21 +91,17 @@ impl Solid {
             let direction = DVec3::new(around * angle.cos(), around * angle.sin(), z);
             let Some(seen) = self.silhouette(facets, centre + far * direction) else { return false };
             let corners: Vec<DVec3> = seen.iter().map(|&v| self.place(facets, v)).collect();
-            let (normal, heights) = heights(&corners);
-            let across = orthonormal_basis(normal).x_axis;
-            let width = |axis: DVec3| extent(corners.iter().map(|c| c.dot(axis)));
-            heights[1] - heights[0] <= PLANE * width(across).max(width(normal.cross(across)))
+            let to_plane = orthonormal_basis(normal(&corners)).transpose();
+            let (low, high) = bounds(corners.iter().map(|c| to_plane * *c));
+            let size = high - low;
+            size.z <= PLANE * size.x.max(size.y)
         };
         (0..TRIED * TRIED).all(|k| plane([k / TRIED, k % TRIED]))
     }
 
     /// The vertices between faces that are seen from a point and others, counter-clockwise; `None` from within.
     fn silhouette(&self, facets: &[Facet], point: DVec3) -> Option<Vec<u32>> {
-        let seen = |&i: &u32| {
-            let facet = &facets[i as usize];
-            (point - facet.corners[0]).dot(facet.normal) > 0.0
-        };
-        let seen: Vec<bool> = self.triangles.iter().map(seen).collect();
+        let seen: Vec<bool> = self.heights(facets, point).map(|height| height > 0.0).collect();
         let mut next = vec![u32::MAX; self.vertices.len()];
         let (mut start, mut count) = (None, 0);
         for &([a, b], [one, two]) in &self.edges {
@@ -133,15 +129,11 @@ impl Solid {
     pub fn seen_from(&self, facets: &[Facet], point: DVec3) -> Option<(Polygon, DVec3)> {
         let mut around = self.silhouette(facets, point)?;
         let corners: Vec<DVec3> = around.iter().map(|&v| self.place(facets, v)).collect();
-        let (normal, _) = heights(&corners);
-        // Behind none of the corners; from a point beside the plane, across the way to it.
-        let before = |normal: DVec3| corners.iter().all(|c| (point - *c).dot(normal) > 0.0);
-        let across = || (point - corners.iter().sum::<DVec3>() / corners.len() as f64).normalize_or_zero();
-        let normal = if before(normal) { normal } else { across() };
-        let nearest =
-            |&(_, a): &(usize, &DVec3), &(_, b): &(usize, &DVec3)| a.dot(normal).total_cmp(&b.dot(normal));
-        let first = corners.iter().enumerate().max_by(nearest).map_or(0, |(k, _)| k);
-        around.rotate_left(first);
+        let normal = normal(&corners);
+        // From a point beside the plane, the plane across the way to it.
+        let before = corners.iter().all(|c| (point - *c).dot(normal) > 0.0);
+        let normal = if before { normal } else { (point - mean(&corners)).normalize_or_zero() };
+        around.rotate_left(farthest(&corners, normal));
         let outline = around.iter().map(|&v| self.vertices[v as usize]).collect();
         Some((Polygon::around(self.triangles.clone(), outline), normal))
     }
@@ -160,32 +152,28 @@ impl Solid {
 
     /// Whether a point sees any of it.
     pub fn is_seen_from(&self, facets: &[Facet], point: DVec3, tolerance: f64) -> bool {
-        let sees = |&i: &u32| {
-            let facet = &facets[i as usize];
-            (point - facet.corners[0]).dot(facet.normal) > tolerance
-        };
-        self.triangles.iter().any(sees)
+        self.heights(facets, point).any(|height| height > tolerance)
+    }
+
+    /// Heights of a point over the planes of all triangles.
+    fn heights(&self, facets: &[Facet], point: DVec3) -> impl Iterator<Item = f64> {
+        let height = move |facet: &Facet| (point - facet.corners[0]).dot(facet.normal);
+        self.triangles.iter().map(move |&i| height(&facets[i as usize]))
     }
 }
 
-/// The normal of a loop, and the least and largest height of its corners along it.
-fn heights(corners: &[DVec3]) -> (DVec3, [f64; 2]) {
-    let centre = corners.iter().sum::<DVec3>() / corners.len() as f64;
-    let ends = |k: usize| [corners[k] - centre, corners[(k + 1) % corners.len()] - centre];
-    let area: DVec3 = (0..corners.len()).map(|k| ends(k)[0].cross(ends(k)[1])).sum();
-    let normal = area.normalize_or_zero();
-    let heights = corners.iter().map(|c| (*c - centre).dot(normal));
-    let least = heights.clone().fold(f64::INFINITY, f64::min);
-    (normal, [least, heights.fold(f64::NEG_INFINITY, f64::max)])
-}
-
-fn extent(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    values.clone().fold(f64::NEG_INFINITY, f64::max) - values.fold(f64::INFINITY, f64::min)
+/// The normal of a loop of corners, counter-clockwise.
+fn normal(corners: &[DVec3]) -> DVec3 {
+    let centre = mean(corners);
+    let ends = |k: usize| [k, (k + 1) % corners.len()].map(|k| corners[k] - centre);
+    let area: DVec3 = (0..corners.len()).map(ends).map(|[a, b]| a.cross(b)).sum();
+    area.normalize_or_zero()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::direct::tests::{exact, facets};
     use crate::direct::{DirectLight, Lamp, Visibility, lamps};
     use crate::model::coplanar_tolerance;
     use antirad_base::ranks::Ranks;
@@ -215,10 +203,6 @@ mod tests {
             builder.shape("screen", Shape::Quad { cells: 1 }, &black, place(0.3, DVec3::new(-0.1, 0.3, 0.0)));
         }
         builder.finish("ball").expect("a scene")
-    }
-
-    fn facets(scene: &Scene) -> Vec<Facet> {
-        (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect()
     }
 
     fn light(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> Vec<f64> {
@@ -275,13 +259,7 @@ mod tests {
         let scene = scene(2, true);
         let at = facets(&scene);
         let lamps = lamps(&scene, &at, coplanar_tolerance(&at));
-        let of = |facets: &[Facet]| {
-            DirectLight::new(&Ranks::default(), facets, lamps.clone(), Visibility::Exact, |i| {
-                scene.material(i)
-            })
-            .expect("one rank")
-        };
-        let given = of(&at);
+        let given = exact(&scene, &at, lamps);
         let weight = |receiver: usize| 1.0 + (receiver as f64).sin();
         let floor = scene.meshes[0].range.end as usize;
         let loss = |facets: &[Facet]| -> f64 {

@@ -16,7 +16,7 @@ pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 
 use crate::image::ImageError;
 use crate::shading::{Reflections, Shading};
-use crate::warnings::{MATTERS, Warnings};
+use crate::warnings::{Warnings, told_from};
 use antirad_base::setters;
 use antirad_core::backend::Backend;
 use antirad_core::plan::{Plan, PlanError, PlanOptions, has_direct_lamps};
@@ -428,7 +428,7 @@ impl<'a> Search<'a> {
             _ => None,
         };
         let both = || [&answer, &other].into_iter();
-        let least = self.options.error.min(MATTERS);
+        let least = told_from(Some(self.options.error));
         let beyond = answer.iter().flat_map(|answer| answer.warnings.above(least));
         let step = Step {
             bins: own.bins.to_string(),

@@ -10,7 +10,7 @@ use antirad_core::plan::Plan;
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::f64::consts::TAU;
+use std::collections::HashSet;
 use std::fmt;
 
 /// Share of all light from which a cause of errors is told without being asked for.
@@ -44,6 +44,11 @@ impl Effect {
     }
 }
 
+/// The effect from which warnings are told: [`MATTERS`], or less for a smaller target error.
+pub fn told_from(target_error: Option<f64>) -> f64 {
+    target_error.map_or(MATTERS, |error| error.min(MATTERS))
+}
+
 impl fmt::Display for Effect {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let share = 100.0 * self.share;
@@ -65,11 +70,11 @@ pub fn of_area(plan: &Plan, errors: impl Iterator<Item = (u32, f64)>) -> f64 {
 }
 
 /// Share of the light at a receiver that comes through one direction bin: all of it where lamps are small and their light goes through bins,
-/// else the bin's share of the hemisphere.
+/// else the bin's share of a diffuse hemisphere, where bins are of equal size and along the normal: s_b/π.
 fn through_a_bin(plan: &Plan) -> f64 {
     let (lamps, exact) = (plan.emitters() as f64, plan.lamps().len() as f64);
     let through_bins = if lamps > 0.0 { 1.0 - exact / lamps } else { 1.0 };
-    through_bins + (1.0 - through_bins) * 2.0 * TAU / (TAU * plan.bins().count() as f64)
+    through_bins + (1.0 - through_bins) * 2.0 / plan.bins().count() as f64
 }
 
 /// Errors at receivers behind coarse blockers.
@@ -92,7 +97,7 @@ pub fn measured(plan: &Plan, tracer: &PathTracer, irradiance: &[[f64; 3]], conce
     let area = |i: u32| plan.facets()[i as usize].area;
     let light = |h: &[f64; 3]| DVec3::from(*h).length();
     let all: f64 = (0u32..).zip(irradiance).map(|(i, h)| area(i) * light(h)).sum();
-    let chosen: std::collections::HashSet<u32> = concerned.iter().copied().collect();
+    let chosen: HashSet<u32> = concerned.iter().copied().collect();
     let in_space: Vec<u32> = plan.layout().order.iter().copied().filter(|i| chosen.contains(i)).collect();
     if in_space.is_empty() || all <= 0.0 {
         return Effect { share: 0.0, measured: Some(0.0) };

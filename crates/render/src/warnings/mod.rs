@@ -11,7 +11,7 @@ mod layers;
 mod refine;
 mod shadows;
 
-pub use effect::{Effect, MATTERS};
+pub use effect::{Effect, MATTERS, told_from};
 pub use refine::{RefineError, RefineOptions, Refined, refine};
 pub use shadows::too_coarse;
 
@@ -331,13 +331,14 @@ impl Warnings {
             let of_lamps = list.iter().map(|&i| emitted(i)).sum::<f64>() / all.max(f64::MIN_POSITIVE);
             Effect::predicted(effect::of_area(plan, list.iter().map(|&i| (i, 1.0))).max(of_lamps))
         };
-        let by_area = |mut list: Vec<u32>| -> Vec<Found> {
+        let by_area = |list: &[u32]| -> Vec<Found> {
             let scale = plan.placement().scale.powi(-2);
             let area = |t: u32| plan.facets()[t as usize].area * scale;
-            list.sort_by(|&a, &b| area(b).total_cmp(&area(a)));
-            list.into_iter().map(|t| (t, area(t), None)).collect()
+            let mut found: Vec<Found> = list.iter().map(|&t| (t, area(t), None)).collect();
+            found.sort_by(|a, b| b.1.total_cmp(&a.1));
+            found
         };
-        self.push(scene, plan, by_area(inconsistent.clone()), |count| Warning {
+        self.push(scene, plan, by_area(&inconsistent), |count| Warning {
             kind: Kind::InconsistentBlockers,
             effect: whole(&inconsistent),
             message: format!(
@@ -348,7 +349,7 @@ impl Warnings {
             measure: "area, m²",
             ..Warning::blank()
         });
-        self.push(scene, plan, by_area(open), |count| Warning {
+        self.push(scene, plan, by_area(&open), |count| Warning {
             kind: Kind::OpenBlockers,
             // What passes through is that of lit backs.
             effect: Effect::predicted(0.0),
@@ -360,7 +361,7 @@ impl Warnings {
             measure: "area, m²",
             ..Warning::blank()
         });
-        self.push(scene, plan, by_area(duplicate.clone()), |count| Warning {
+        self.push(scene, plan, by_area(&duplicate), |count| Warning {
             kind: Kind::DuplicateTriangles,
             effect: whole(&duplicate),
             message: format!(
@@ -376,12 +377,8 @@ impl Warnings {
     fn lit_backs(&mut self, scene: &Scene, plan: &Plan) {
         let lit = backs::lit(scene, plan);
         let found: Vec<Found> = lit.backs.iter().map(|&(t, light)| (t, light, None)).collect();
-        let all = area(scene, plan);
-        let share_of = |counts: &dyn Fn(u32) -> bool| {
-            let area = |f: &Found| plan.facets()[f.0 as usize].area;
-            found.iter().filter(|f| counts(f.0)).map(area).sum::<f64>() / all
-        };
-        let share = share_of(&|_| true);
+        let lit_area: f64 = lit.backs.iter().map(|&(t, _)| plan.facets()[t as usize].area).sum();
+        let share = lit_area / area(scene, plan);
         self.push(scene, plan, found, |count| Warning {
             kind: Kind::LitBacks,
             effect: Effect::predicted(lit.share(scene, plan)),

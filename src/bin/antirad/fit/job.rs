@@ -8,8 +8,7 @@ use super::summary::{Ended, Row};
 use crate::together::Together;
 use antirad::Watch;
 use antirad::backend::Backend;
-use antirad::cli;
-use antirad::cli::Interrupt;
+use antirad::cli::{self, Interrupt};
 use antirad::fit::{
     CHECKPOINT_FILES, EngineRenderer, FitError, FolderLock, JobFile, LockError, Outcome, RenderError,
     RunOptions, State, Status, results,

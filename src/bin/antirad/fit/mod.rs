@@ -10,8 +10,7 @@ mod summary;
 
 use crate::Failure;
 use crate::together::Together;
-use antirad::cli;
-use antirad::cli::{BackendArguments, Interrupt, parse_size};
+use antirad::cli::{self, BackendArguments, Interrupt, parse_size};
 use antirad::fit::{OnCheckpoint, State, Status};
 use antirad::gpu::DeviceOptions;
 use antirad::output::prepare_directory;

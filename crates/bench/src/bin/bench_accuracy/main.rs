@@ -7,8 +7,7 @@ mod sweep;
 mod table;
 
 use antirad::backend::Backend;
-use antirad::cli;
-use antirad::cli::{BackendArguments, Interrupt};
+use antirad::cli::{self, BackendArguments, Interrupt};
 use antirad::output::prepare_directory;
 use antirad::scene::BinLayout;
 use cases::Case;

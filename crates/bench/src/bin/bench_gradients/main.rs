@@ -9,8 +9,7 @@ mod table;
 mod traced;
 
 use antirad::backend::Backend;
-use antirad::cli;
-use antirad::cli::{BackendArguments, Interrupt};
+use antirad::cli::{self, BackendArguments, Interrupt};
 use antirad::output::prepare_directory;
 use antirad::scene::{BinLayout, LoadOptions, Scene};
 use clap::Parser;

@@ -5,8 +5,7 @@ mod measure;
 mod table;
 
 use antirad::backend::BackendKind;
-use antirad::cli;
-use antirad::cli::{Interrupt, parse_size};
+use antirad::cli::{self, Interrupt, parse_size};
 use antirad::output::prepare_directory;
 use antirad::scene::{BinLayout, Transport};
 use clap::Parser;

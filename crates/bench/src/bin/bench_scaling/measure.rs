@@ -13,8 +13,7 @@ use antirad::scene::{
     Lamps, LoadOptions, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, SolverChoice,
     Triangle,
 };
-use antirad_core::transport;
-use antirad_core::transport::TransportError;
+use antirad_core::transport::{self, TransportError};
 use glam::{DAffine3, DQuat, DVec3};
 use std::error::Error;
 use std::io::{BufRead, BufReader, Read};
