@@ -150,9 +150,10 @@ impl EngineRenderer {
         plan.map_err(|error| sort_out(error.into()))
     }
 
-    /// Whether clusters are asked for.
+    /// Whether there may be clusters.
     fn has_clusters(&self) -> bool {
-        matches!(self.planning.settings.transport, Transport::Hierarchical { .. })
+        let transport = self.planning.settings.transport.usual(self.planning.triangles.len());
+        matches!(transport, Transport::Hierarchical { .. })
     }
 
     fn keep(&mut self, choice: Option<&Arc<ClusterChoice>>) {

@@ -7,7 +7,7 @@ use super::optimiser::{
     Adam, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step, StepError,
 };
 use super::parameters::{ParameterError, Parameters, Recovered};
-use super::problem::Problem;
+use super::problem::{Evaluation, Problem};
 use super::regulariser::Regularisers;
 use super::renderer::{CostEstimate, RenderError, Renderer};
 use super::settings::{OptimiserKind, Settings, StopRule};
@@ -19,6 +19,7 @@ use antirad_render::image::ImageError;
 use antirad_scene::{Choice, Scene, SceneError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -106,6 +107,8 @@ const NOISE_OF_SAMPLES: f64 = 1e-4;
 /// Iterations over which the decrease is measured: a single one may be small by chance, and Adam is not monotone.
 const DECREASE_OVER: usize = 5;
 const DECREASE_OVER_ADAM: usize = 50;
+/// How many times the decrease that the model promises must be small for a fit to end after one small decrease.
+const PROMISED: f64 = 10.0;
 
 /// Why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -156,6 +159,13 @@ pub struct Record {
     pub passes: u64,
 }
 
+impl Record {
+    fn of(iteration: u32, step: &Step, passes: u64) -> Self {
+        let Step { value: loss, gradient, length: step, evaluations, .. } = *step;
+        Self { iteration, loss, gradient, step, evaluations, passes }
+    }
+}
+
 /// The progress of a fit, as stored in a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitProgress {
@@ -188,6 +198,15 @@ impl FitProgress {
         if last.gradient <= rule.gradient * start {
             return Some(Stop::Gradient);
         }
+        let measured = rule.relative_decrease > 0.0;
+        let is_small = |decrease: f64| measured && decrease < rule.relative_decrease * last.loss.abs();
+        let has_promise = is_small(PROMISED * self.optimiser.promise());
+        if let [.., before, last] = &self.history[..]
+            && is_small(before.loss - last.loss)
+            && has_promise
+        {
+            return Some(Stop::RelativeDecrease);
+        }
         let over = match self.optimiser {
             Optimiser::Adam(_) => DECREASE_OVER_ADAM,
             Optimiser::QuasiNewton(_) | Optimiser::LeastSquares(_) => DECREASE_OVER,
@@ -195,7 +214,7 @@ impl FitProgress {
         let least = |records: &[Record]| records.iter().map(|r| r.loss).fold(f64::INFINITY, f64::min);
         if let Some(at) = self.history.len().checked_sub(over).filter(|at| *at > 0) {
             let (before, now) = (least(&self.history[..at]), least(&self.history[at..]));
-            if rule.relative_decrease > 0.0 && before - now < rule.relative_decrease * before.abs() {
+            if measured && before - now < rule.relative_decrease * before.abs() {
                 return Some(Stop::RelativeDecrease);
             }
         }
@@ -466,26 +485,27 @@ impl Job {
             if let Some(stop) = progress.finished.or_else(|| progress.stop(&options.stop)) {
                 break stop;
             }
-            let step = match step(&self.problem, &self.settings, &mut progress, renderer) {
-                Ok(step) => step,
+            let stepped = match progress.history.is_empty() {
+                true => start(&self.problem, &mut progress, renderer).map(|record| (record, true)),
+                false => step(&self.problem, &self.settings, &mut progress, renderer),
+            };
+            let (record, advanced) = match stepped {
+                Ok(stepped) => stepped,
                 Err(StepError::Objective(error)) => return ended(cause(error), &mut progress, &mut store),
                 Err(error) => {
                     let error = Some(FitError::Optimiser(error.to_string()));
                     return ended(error, &mut progress, &mut store);
                 }
             };
-            let mut broken = false;
-            for record in step.records {
-                progress.history.push(record);
-                broken |= watch(&record, &progress).is_break();
-            }
-            if !step.progress {
+            // A step without progress is not an iteration.
+            if !advanced {
                 break Stop::NoProgress;
             }
-            if broken {
+            progress.history.push(record);
+            if watch(&record, &progress).is_break() {
                 return ended(None, &mut progress, &mut store);
             }
-            if progress.iteration().is_multiple_of(options.checkpoint_every.max(1)) {
+            if record.iteration > 0 && record.iteration.is_multiple_of(options.checkpoint_every.max(1)) {
                 store(&mut progress)?;
             }
         };
@@ -514,44 +534,52 @@ impl Job {
     }
 }
 
-/// The records that a step adds to the history; the first step also adds the start.
-struct Stepped {
-    records: Vec<Record>,
-    progress: bool,
+/// The start, as iteration 0.
+fn start(
+    problem: &Problem,
+    progress: &mut FitProgress,
+    renderer: &mut dyn Renderer,
+) -> Result<Record, StepError<RenderError>> {
+    let passes = renderer.passes();
+    let FitProgress { optimiser, trail, .. } = progress;
+    let step = optimiser.start(&mut |x| evaluate(problem, x, trail, renderer))?;
+    Ok(Record::of(0, &step, renderer.passes() - passes))
 }
 
+/// The objective and its gradient.
+fn evaluate(
+    problem: &Problem,
+    x: &[f64],
+    trail: &mut Trail,
+    renderer: &mut dyn Renderer,
+) -> Result<(f64, Vec<f64>), RenderError> {
+    let moves = problem.parameters.gradient_request().positions;
+    // Light from before the vertices moved would be no start.
+    if moves {
+        renderer.forget();
+    }
+    let Evaluation { value, gradient, .. } =
+        trail.follow(x, !moves, renderer, |renderer| problem.evaluate(x, renderer))?;
+    Ok((value, gradient))
+}
+
+/// The next iteration, and whether it made progress.
 fn step(
     problem: &Problem,
     settings: &Settings,
     progress: &mut FitProgress,
     renderer: &mut dyn Renderer,
-) -> Result<Stepped, StepError<RenderError>> {
+) -> Result<(Record, bool), StepError<RenderError>> {
     let passes = renderer.passes();
-    let (mut first, mut passes_of_first) = (None, 0);
     if progress.trail.is_long() {
         renderer.forget();
         progress.trail.clear();
     }
-    let renderer = std::cell::RefCell::new(renderer);
-    let trail = std::cell::RefCell::new(progress.trail.clone());
+    let renderer = RefCell::new(renderer);
+    let trail = RefCell::new(progress.trail.clone());
     let moves = problem.parameters.gradient_request().positions;
-    let step: Step = progress.optimiser.step(
-        &mut |x| {
-            let mut renderer = renderer.borrow_mut();
-            // Light from before the vertices moved would be no start.
-            if moves {
-                renderer.forget();
-            }
-            let evaluation = trail
-                .borrow_mut()
-                .follow(x, !moves, &mut **renderer, |renderer| problem.evaluate(x, renderer))?;
-            if first.is_none() {
-                passes_of_first = renderer.passes() - passes;
-                let gradient = problem.parameters.bounds().projected_gradient(x, &evaluation.gradient);
-                first = Some((evaluation.value, gradient));
-            }
-            Ok((evaluation.value, evaluation.gradient))
-        },
+    let step = progress.optimiser.step(
+        &mut |x| evaluate(problem, x, &mut trail.borrow_mut(), &mut **renderer.borrow_mut()),
         &mut |p| {
             // Leaves light that is no start for that of others.
             trail.borrow_mut().clear();
@@ -573,33 +601,7 @@ fn step(
     )?;
     progress.trail = trail.into_inner();
     let passes = renderer.borrow().passes() - passes;
-    let mut records = Vec::with_capacity(2);
-    let mut record = Record {
-        iteration: progress.iteration() + 1,
-        loss: step.value,
-        gradient: step.gradient,
-        step: step.length,
-        evaluations: step.evaluations,
-        passes,
-    };
-    if let (true, Some((loss, gradient))) = (progress.history.is_empty(), first) {
-        records.push(Record {
-            iteration: 0,
-            loss,
-            gradient,
-            step: 0.0,
-            evaluations: 1,
-            passes: passes_of_first,
-        });
-        record.iteration = 1;
-        record.evaluations -= 1;
-        record.passes -= passes_of_first;
-    }
-    // A step without progress is not an iteration.
-    if step.progress {
-        records.push(record);
-    }
-    Ok(Stepped { records, progress: step.progress })
+    Ok((Record::of(progress.iteration() + 1, &step, passes), step.progress))
 }
 
 /// A typical radiance of lamps: the maximum in the scene's emission or a target.

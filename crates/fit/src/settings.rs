@@ -31,7 +31,8 @@ pub enum OptimiserKind {
 pub struct StopRule {
     /// Maximum number of iterations.
     pub iterations: u32,
-    /// Relative decrease of the loss over the last five iterations (with Adam: fifty) below which to stop; 0 for never.
+    /// Relative decrease of the loss over the last five iterations (with Adam: fifty) below which to stop, or over the last one where the
+    /// quasi-Newton model promises a tenth of that from the next; 0 for never.
     pub relative_decrease: f64,
     /// Projected gradient, relative to that at the start, below which to stop.
     pub gradient: f64,

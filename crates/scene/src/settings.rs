@@ -144,8 +144,8 @@ impl fmt::Display for Precision {
 /// How light from far triangles is summed up.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub enum Transport {
-    /// Clusters where a target error allows for theirs (module `target_error`) and there are at least [`Transport::FEWEST`] triangles,
-    /// else the exact sum. The plan says which, and why.
+    /// Clusters where there are at least [`Transport::FEWEST`] triangles and clusters save work, else the exact sum; their error is a share of
+    /// the target error (module `target_error`), or [`Transport::USUAL`]. The plan says which, and why.
     #[default]
     Auto,
     /// Every triangle from every other.
@@ -159,7 +159,10 @@ pub enum Transport {
 
 impl Transport {
     /// Triangles below which [`Transport::Auto`] takes the exact sum, whose time is then mostly that of close pairs.
-    pub const FEWEST: usize = 6000;
+    pub const FEWEST: usize = 4000;
+    /// Error that [`Transport::Auto`] allows where none is asked for, half of what an answer may be off: clusters change irradiance by a
+    /// third of it or less, as a relative L2 norm.
+    pub const USUAL: f64 = 0.005;
 
     /// [`Transport::Auto`] for a number of triangles and an error asked for; others stay what they are.
     pub fn within(self, error: f64, triangles: usize) -> Self {
@@ -167,6 +170,11 @@ impl Transport {
             Self::Auto if triangles >= Self::FEWEST => Self::Hierarchical { error },
             other => other,
         }
+    }
+
+    /// [`Transport::Auto`] for a number of triangles where no error is asked for; others stay what they are.
+    pub fn usual(self, triangles: usize) -> Self {
+        self.within(Self::USUAL, triangles)
     }
 
     fn validate(self) -> Result<(), String> {

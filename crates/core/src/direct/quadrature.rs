@@ -24,8 +24,8 @@ pub const POINTS: [([f64; 3], f64); 7] = {
     ]
 };
 
-/// Error of the mean at which a cell is not cut further, as a fraction of the largest value.
-const TOLERANCE: f64 = 2e-3;
+/// Error of the mean at which a cell is not cut further, as a fraction of the largest value or of what is usual.
+const TOLERANCE: f64 = 5e-3;
 /// Cuts of a cell at most; each has half the length.
 const DEEPEST: u32 = 5;
 
@@ -72,9 +72,10 @@ fn walk(mut cut: impl FnMut(f64, u32, &[Sample; 7]) -> bool) -> Vec<Sample> {
     samples
 }
 
-/// The mean of a function over a triangle. Cells are cut where the samples say that the function is not smooth.
-pub fn mean(function: &mut dyn FnMut(DVec3) -> f64) -> (f64, Cuts) {
-    let (mut kept, mut largest) = (Vec::new(), 0.0_f64);
+/// The mean of a function over a triangle. Cells are cut where the samples say that the function is not smooth, unless it is far below
+/// the value that is `usual` on other triangles, to which errors are compared then.
+pub fn mean(usual: f64, function: &mut dyn FnMut(DVec3) -> f64) -> (f64, Cuts) {
+    let (mut kept, mut largest) = (Vec::new(), usual);
     let mut cuts = Vec::new();
     walk(|weight, depth, samples| {
         let values = samples.map(|sample| function(sample.barycentric));

@@ -39,7 +39,8 @@ pub struct ClusterChoice {
     pub(super) backs: f64,
     /// What each cluster may change, relative to the mean irradiance.
     pub(super) error: f64,
-    /// Whether derivatives were planned.
+    /// Whether derivatives were planned, and whether some by geometry, which depend on how steep bins are.
+    pub(super) derivatives: bool,
     pub(super) slopes: bool,
     pub(super) settings: SolveSettings,
     pub(super) cull: bool,
@@ -54,7 +55,7 @@ impl ClusterChoice {
         lamps: &[Lamp],
         (options, settings): (&PlanOptions, &SolveSettings),
     ) -> Option<Self> {
-        let Transport::Hierarchical { error } = settings.transport else { return None };
+        let Transport::Hierarchical { error } = settings.transport.usual(facets.len()) else { return None };
         let brightness = brightness(scene, facets, lamps);
         let uneven = brightness.iter().any(|&bright| bright > 1.0);
         let error = if uneven { UNEVEN * error } else { error };
@@ -66,7 +67,8 @@ impl ClusterChoice {
             backs: brightness.iter().fold(BACKS, |most, &bright| most.max(NARROW * bright)),
             brightness,
             error: if options.gradients.geometry() { OF_VERTICES * error } else { error },
-            slopes: options.gradients.any(),
+            derivatives: options.gradients.any(),
+            slopes: options.gradients.geometry(),
             settings: *settings,
             cull: options.cull,
         })
@@ -75,7 +77,8 @@ impl ClusterChoice {
     /// Whether a plan may keep it, for which `anew` would be chosen otherwise.
     pub(super) fn serves(&self, anew: &Self) -> bool {
         // Without derivatives there are volumes, which are chosen by other rules.
-        let is_as_careful = self.slopes
+        let is_as_careful = self.derivatives
+            && self.slopes >= anew.slopes
             && self.error <= anew.error
             && self.settings == anew.settings
             && self.cull == anew.cull;

@@ -59,7 +59,7 @@ const REFITS: u32 = 4;
 impl Plan {
     /// Chooses transport, and solver and residency for it.
     pub(super) fn choose_transport(&mut self, choice: Option<&Arc<ClusterChoice>>) -> Result<(), PlanError> {
-        let why = match (self.settings.transport, choice) {
+        let why = match (self.settings.transport.usual(self.facets.len()), choice) {
             (Transport::Hierarchical { error }, Some(choice)) => match self.with_clusters(choice, error)? {
                 Ok(()) => {
                     self.choice = Some(choice.clone());
@@ -67,8 +67,7 @@ impl Plan {
                 }
                 Err(why) => why,
             },
-            (Transport::Auto, _) if self.triangles() < Transport::FEWEST => "few triangles",
-            (Transport::Auto, _) => "no error is allowed for",
+            (Transport::Auto, _) => "few triangles",
             _ => "settings",
         };
         self.transport = PlannedTransport::Exact { why };
@@ -161,6 +160,6 @@ impl Plan {
     /// are wanted, which go through clusters of one normal alone.
     fn most_volumes(&self, choice: &ClusterChoice) -> Option<usize> {
         let bytes = (self.options.memory_budget / VOLUME_SHARE).min(self.options.max_buffer);
-        (!choice.slopes).then(|| (bytes / self.bin_bytes()) as usize)
+        (!choice.derivatives).then(|| (bytes / self.bin_bytes()) as usize)
     }
 }

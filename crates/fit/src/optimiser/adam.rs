@@ -31,9 +31,9 @@ const RETREATS: u32 = 20;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Adam {
     options: AdamOptions,
-    bounds: Bounds,
-    start: Vec<f64>,
-    point: Option<Point>,
+    pub(super) bounds: Bounds,
+    pub(super) start: Vec<f64>,
+    pub(super) point: Option<Point>,
     /// The lowest value so far and its point, since Adam may step uphill.
     best: Option<(f64, Vec<f64>)>,
     mean: Vec<f64>,

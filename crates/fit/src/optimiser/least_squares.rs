@@ -19,8 +19,10 @@ const NEAR: f64 = 1e-14;
 /// The serialisable state of bounded linear least squares.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeastSquares {
-    bounds: Bounds,
-    start: Vec<f64>,
+    pub(super) bounds: Bounds,
+    pub(super) start: Vec<f64>,
+    /// The start, once it is evaluated.
+    pub(super) first: Option<Point>,
     state: Option<State>,
     steps: u64,
 }
@@ -40,7 +42,7 @@ impl LeastSquares {
     /// Starts at the projection of `x` onto `bounds`.
     pub fn new(mut x: Vec<f64>, bounds: Bounds) -> Self {
         bounds.project(&mut x);
-        Self { bounds, start: x, state: None, steps: 0 }
+        Self { bounds, start: x, first: None, state: None, steps: 0 }
     }
 
     /// The current unknowns.
@@ -88,8 +90,13 @@ impl LeastSquares {
         let mut state = match &self.state {
             Some(state) => state.clone(),
             None => {
-                let point = Point::start(&self.start, objective)?;
-                evaluations += 1;
+                let point = match self.first.take() {
+                    Some(point) => point,
+                    None => {
+                        evaluations += 1;
+                        Point::start(&self.start, objective)?
+                    }
+                };
                 let (free, _) = self.split(&point);
                 let mut stiffness: f64 = 0.0;
                 let mut probe = point.gradient.clone();

@@ -162,6 +162,14 @@ fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
+impl Point {
+    /// The report of a start.
+    fn as_start(&self, bounds: &Bounds) -> Step {
+        let gradient = bounds.projected_gradient(&self.x, &self.gradient);
+        Step { value: self.value, gradient, length: 0.0, evaluations: 1, progress: true }
+    }
+}
+
 /// One of the optimisers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Optimiser {
@@ -174,6 +182,20 @@ pub enum Optimiser {
 }
 
 impl Optimiser {
+    /// Evaluates the objective at the start. Without it, the first step does.
+    ///
+    /// # Errors
+    /// Fails if the objective fails, is not finite, or returns a gradient of the wrong length.
+    pub fn start<E>(&mut self, objective: &mut Objective<E>) -> Result<Step, StepError<E>> {
+        let (x, bounds, known) = match self {
+            Self::QuasiNewton(QuasiNewton { start, bounds, point, .. }) => (start, bounds, point),
+            Self::Adam(Adam { start, bounds, point, .. }) => (start, bounds, point),
+            Self::LeastSquares(LeastSquares { start, bounds, first, .. }) => (start, bounds, first),
+        };
+        let point = Point::start(x, objective)?;
+        Ok(known.insert(point).as_start(bounds))
+    }
+
     /// One step. Only [`LeastSquares`] uses `curvature`, only [`QuasiNewton`] `hessian`.
     ///
     /// # Errors
@@ -188,6 +210,14 @@ impl Optimiser {
             Self::QuasiNewton(optimiser) => optimiser.step(objective, hessian),
             Self::Adam(optimiser) => optimiser.step(objective),
             Self::LeastSquares(optimiser) => optimiser.step(objective, curvature),
+        }
+    }
+
+    /// By how much the optimiser expects the minimum to be below the current value; infinite where it has no model.
+    pub fn promise(&self) -> f64 {
+        match self {
+            Self::QuasiNewton(optimiser) => optimiser.promise(),
+            Self::Adam(_) | Self::LeastSquares(_) => f64::INFINITY,
         }
     }
 

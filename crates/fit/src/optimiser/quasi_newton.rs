@@ -34,19 +34,21 @@ impl Default for QuasiNewtonOptions {
 const LONGEST: f64 = 1.0;
 /// The Hessian is asked for anew after a step that leaves more than this of the projected gradient, far from the minimum: where
 /// it takes more than a tenth off the value.
-const LEFT: f64 = 0.1;
+const LEFT: f64 = 0.03;
 const FALL: f64 = 0.1;
 
 /// The state of the quasi-Newton method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct QuasiNewton {
     options: QuasiNewtonOptions,
-    bounds: Bounds,
-    start: Vec<f64>,
-    point: Option<Point>,
+    pub(super) bounds: Bounds,
+    pub(super) start: Vec<f64>,
+    pub(super) point: Option<Point>,
     memory: Memory,
     /// Whether the model is to start anew from a Hessian.
     stale: bool,
+    /// By how much the minimum of the model is below the current value.
+    promise: f64,
 }
 
 impl QuasiNewton {
@@ -54,12 +56,17 @@ impl QuasiNewton {
     pub fn new(mut x: Vec<f64>, bounds: Bounds, options: QuasiNewtonOptions) -> Self {
         bounds.project(&mut x);
         let memory = Memory::new(x.len());
-        Self { options, bounds, start: x, point: None, memory, stale: true }
+        Self { options, bounds, start: x, point: None, memory, stale: true, promise: f64::INFINITY }
     }
 
     /// The current unknowns.
     pub fn x(&self) -> &[f64] {
         self.point.as_ref().map_or(&self.start, |point| &point.x)
+    }
+
+    /// By how much the minimum of the model is below the current value; infinite where nothing is known of the curvature.
+    pub fn promise(&self) -> f64 {
+        self.promise
     }
 
     pub(super) fn vectors(&self) -> usize {
@@ -93,7 +100,7 @@ impl QuasiNewton {
         let seeded = match given {
             Some(KnownHessian::Whole(hessian)) => Memory::of_hessian(&hessian, &here.gradient, LONGEST),
             // Later, what the steps have shown is better.
-            Some(KnownHessian::Diagonal(diagonal)) if self.point.is_none() => {
+            Some(KnownHessian::Diagonal(diagonal)) if memory.is_blank() => {
                 Memory::of_diagonal(&diagonal, &here.gradient, LONGEST)
             }
             _ => None,
@@ -137,6 +144,7 @@ impl QuasiNewton {
                     evaluations,
                     progress: true,
                 };
+                self.promise = if self.stale { f64::INFINITY } else { self.promised(&next, &memory) };
                 (self.point, self.memory) = (Some(next), memory);
                 return Ok(step);
             }
@@ -149,6 +157,15 @@ impl QuasiNewton {
         let value = here.value;
         (self.point, self.memory) = (Some(here), memory);
         Ok(Step { value, gradient, length: 0.0, evaluations, progress: false })
+    }
+
+    /// Half the slope towards the minimum of the model.
+    fn promised(&self, here: &Point, memory: &Memory) -> f64 {
+        let Some(hessian) = memory.compact() else { return f64::INFINITY };
+        let goal = model_minimum(here, &self.bounds, &hessian);
+        let slope: f64 =
+            goal.iter().zip(&here.x).zip(&here.gradient).map(|((goal, x), g)| g * (goal - x)).sum();
+        -0.5 * slope
     }
 
     fn search<E>(

@@ -107,7 +107,7 @@ mod tests {
     use crate::model::{BoundedRun, reaches};
     use crate::plan::{GradientRequest, PADDING, Plan, PlanOptions};
     use antirad_kit::Random;
-    use antirad_scene::{LoadOptions, Material, Scene, SceneBuilder, Shape, Triangle};
+    use antirad_scene::{LoadOptions, Material, Scene, SceneBuilder, Shape, Transport, Triangle};
     use glam::{DAffine3, DVec3};
     use std::path::Path;
 
@@ -140,7 +140,8 @@ mod tests {
     }
 
     fn plan(scene: &Scene, options: PlanOptions) -> Plan {
-        Plan::new(scene, &options.boundless(), &scene.settings).expect("a plan")
+        let settings = scene.settings.transport(Transport::Exact);
+        Plan::new(scene, &options.boundless(), &settings).expect("a plan")
     }
 
     /// The bits that may pass between two tiles, from all their triangles.
