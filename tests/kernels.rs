@@ -270,12 +270,13 @@ fn very_many_triangles_on_kernels_for_gpus() {
         at(1.0) * down,
     );
     let scene = builder.finish("two plates").expect("a scene");
+    let settings = scene.settings.transport(Transport::Exact);
     let device = device().with_kernels_for(DeviceKind::Discrete);
-    let plan = Plan::new(&scene, &PlanOptions::of(&device), &scene.settings).expect("a plan");
+    let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
     assert!(
         plan.layout().slots() >= 1 << 15 && plan.layout().groups.iter().all(|group| !group.class.has_bins())
     );
-    compare_on(&device.into(), "two plates", &scene, scene.settings, &|l| l);
+    compare_on(&device.into(), "two plates", &scene, settings, &|l| l);
 }
 
 /// The harness fails against the reference of another scene, as it must.

@@ -11,7 +11,7 @@ use crate::solve::{
 use crate::transport::{self, Operators, PassCallback, State, TransportError};
 use antirad_base::ranks::RankError;
 use antirad_base::setters;
-use antirad_gpu::{DeviceKind, GpuError};
+use antirad_gpu::GpuError;
 use antirad_scene::Movable;
 use antirad_scene::{BackendKind, BinLayout, Material, Precision, Scene, SceneError, SolveSettings};
 use glam::DVec3;
@@ -412,13 +412,11 @@ impl PlanOptions {
         let own = [
             memory.budget.saturating_sub(memory.in_use),
             info.map_or(u64::MAX, |info| info.largest_buffer()),
-            // GPUs evaluate the near field faster than the host computes a matrix of it.
-            u64::from(info.is_none_or(|info| info.kind == DeviceKind::Cpu)),
             memory.budget,
         ];
         // Where ranks can no longer work together, the next pass says so.
         let of_all = ranks.each(own).unwrap_or_else(|_| vec![own]);
-        let [free, max_buffer, keep, _] =
+        let [free, max_buffer, _] =
             of_all.iter().fold(own, |least, of| std::array::from_fn(|k| least[k].min(of[k])));
         let budgets: Vec<u64> = of_all.iter().map(|&[.., budget]| budget).collect();
         Self {
@@ -426,7 +424,6 @@ impl PlanOptions {
             max_buffer,
             staging: if info.is_some() { antirad_gpu::staging_bytes() } else { 0 },
             page: if info.is_some() { max_buffer } else { Self::default().page },
-            keep_near_field: keep == 1,
             backend: backend.kind(),
             rank: ranks.rank() as u32,
             ranks: ranks.count() as u32,

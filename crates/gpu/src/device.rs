@@ -48,6 +48,9 @@ pub struct DeviceOptions {
     /// Ask the driver about each kernel that it compiles, for [`Device::kernel_statistics`]; drivers may compile more slowly then.
     /// Default: no.
     pub statistics: bool,
+    /// The kind of device that kernels are chosen for; `None`: its own. Default: that which ANTIRAD_KERNELS names, `cpu` or `gpu`, so that
+    /// kernels of GPUs can be tried where there is none.
+    pub kernels: Option<DeviceKind>,
 }
 
 setters!(DeviceOptions {
@@ -56,6 +59,7 @@ setters!(DeviceOptions {
     memory_budget: Option<u64>,
     kernel_cache: Option<PathBuf>,
     statistics: bool,
+    kernels: Option<DeviceKind>,
 });
 
 impl Default for DeviceOptions {
@@ -66,6 +70,11 @@ impl Default for DeviceOptions {
             memory_budget: None,
             kernel_cache: kernel_cache::usual_folder(),
             statistics: false,
+            kernels: match env::var("ANTIRAD_KERNELS").as_deref() {
+                Ok("gpu") => Some(DeviceKind::Discrete),
+                Ok("cpu") => Some(DeviceKind::Cpu),
+                _ => None,
+            },
         }
     }
 }
@@ -170,7 +179,8 @@ impl Device {
         let budget = options.memory_budget;
         let device = Self::assemble(instance, logical, candidate, queue, enabled, budget, kept)?;
         tracing::debug!("opened {} ({})", device.info().name, device.info().driver);
-        Ok(device)
+        let kind = options.kernels.unwrap_or(device.info().kind);
+        Ok(device.with_kernels_for(kind))
     }
 
     pub(super) fn assemble(

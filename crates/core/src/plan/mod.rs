@@ -71,7 +71,7 @@ pub struct PlanOptions {
     /// Kinds of derivatives to plan for.
     pub gradients: GradientRequest,
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
-    /// most of the near field of all others. GPUs evaluate it faster than the host computes the matrix.
+    /// most of the near field of all others.
     pub keep_near_field: bool,
     /// The backend that executes the plan.
     pub backend: BackendKind,
