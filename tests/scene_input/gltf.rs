@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use super::{Folder, assert_says};
 
 /// The corners of a unit square at z = 0 that faces +z, as f32, and six indices, as u16.
-fn square() -> Vec<u8> {
+pub fn square() -> Vec<u8> {
     let corners = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
     let mut bytes: Vec<u8> = corners.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
     bytes.extend([0u16, 1, 2, 0, 2, 3].iter().flat_map(|x| x.to_le_bytes()));
@@ -16,7 +16,7 @@ fn square() -> Vec<u8> {
 }
 
 /// A square with a material, seen twice, with a camera and a light.
-fn document() -> Value {
+pub fn document() -> Value {
     json!({
         "asset": { "version": "2.0" },
         "scene": 0,
@@ -50,13 +50,23 @@ fn document() -> Value {
     })
 }
 
-fn load(document: &Value) -> Result<Scene, String> {
+/// The square with more bytes in a buffer of their own, view 2.
+pub fn with_data(bytes: &[u8]) -> Value {
+    let mut document = document();
+    let mut push = |list: &str, value: Value| document[list].as_array_mut().expect("a list").push(value);
+    let data: String = bytes.iter().map(|byte| format!("%{byte:02x}")).collect();
+    push("buffers", json!({ "byteLength": bytes.len(), "uri": format!("data:,{data}") }));
+    push("bufferViews", json!({ "buffer": 1, "byteLength": bytes.len() }));
+    document
+}
+
+pub fn load(document: &Value) -> Result<Scene, String> {
     let folder = Folder::with(&[("s.gltf", &document.to_string())]);
     std::fs::write(folder.0.path().join("a square.bin"), square()).expect("written");
     folder.load("s.gltf", false).map_err(|error| error.to_string())
 }
 
-fn good(document: &Value) -> Scene {
+pub fn good(document: &Value) -> Scene {
     load(document).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -228,6 +238,10 @@ fn what_is_wrong_is_said() {
         (
             change("/extensionsRequired", json!(["KHR_draco_mesh_compression"])),
             vec!["s.gltf", "compressed (KHR_draco_mesh_compression)", "export it without"],
+        ),
+        (
+            change("/extensionsRequired", json!(["EXT_mesh_gpu_instancing"])),
+            vec!["s.gltf", "requires EXT_mesh_gpu_instancing", "export it without"],
         ),
         (change("/buffers/0/uri", json!("lost.bin")), vec!["s.gltf", "lost.bin", "cannot be read"]),
         (change("/buffers/0/uri", json!("https://a.b/c.bin")), vec!["network"]),

@@ -5,6 +5,7 @@ mod as_they_come;
 mod checks;
 mod export;
 mod gltf;
+mod gltf_extensions;
 mod meshes;
 mod mitsuba;
 #[path = "../support/obj.rs"]

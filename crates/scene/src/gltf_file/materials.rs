@@ -144,7 +144,11 @@ impl<'a> Materials<'a> {
         texture: &gltf::Texture,
         encoding: Encoding,
     ) -> Result<Option<Arc<Texture>>, String> {
-        let image = texture.source();
+        // Without one it needs an extension for other kinds of pictures.
+        let Some(image) = texture.source() else {
+            self.unread = true;
+            return Ok(None);
+        };
         if let Some(known) = self.textures.get(&(image.index(), encoding)) {
             return Ok(known.clone());
         }

@@ -5,6 +5,7 @@
 
 mod accessor;
 mod buffers;
+mod extensions;
 mod lights;
 mod materials;
 
@@ -14,6 +15,7 @@ use std::path::Path;
 use glam::{DMat4, DVec2, DVec3};
 use gltf::mesh::{Mode, Semantic};
 use serde::Deserialize;
+use serde_json::json;
 
 use self::accessor::Accessors;
 use self::materials::Materials;
@@ -24,8 +26,6 @@ use super::{Camera, bounds};
 
 /// Most triangles of all instances together.
 const MOST_TRIANGLES: usize = 10_000_000;
-/// Extensions without which there are no vertices.
-const COMPRESSIONS: [&str; 2] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression"];
 /// Rows of the picture of a camera.
 const HEIGHT: u32 = 480;
 
@@ -83,12 +83,12 @@ fn read_document(path: &Path, warnings: &mut Vec<String>) -> Result<Contents, Sc
 fn parse(bytes: &[u8]) -> Result<(gltf::Document, Option<Vec<u8>>), String> {
     let one_line = |error: gltf::Error| error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
     let (text, blob) = chunks(bytes)?;
-    let json: gltf::json::Root =
+    let mut json: gltf::json::Root =
         gltf::json::deserialize::from_slice(text).map_err(|error| error.to_string())?;
-    if let Some(name) = json.extensions_required.iter().find(|name| COMPRESSIONS.contains(&name.as_str())) {
-        return Err(format!(
-            "its meshes are compressed ({name}), which is not read: export it without compression"
-        ));
+    // The crate would refuse those that it leaves to its callers, and positions without bounds, which nothing here reads.
+    extensions::check(&std::mem::take(&mut json.extensions_required))?;
+    for accessor in &mut json.accessors {
+        (accessor.min, accessor.max) = (Some(json!([0, 0, 0])), Some(json!([0, 0, 0])));
     }
     // The validation of the crate relies on this itself.
     let primitives = json.meshes.iter().flat_map(|mesh| &mesh.primitives);
