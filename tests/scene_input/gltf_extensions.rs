@@ -1,9 +1,10 @@
-//! Extensions of glTF: quantized meshes.
+//! Extensions of glTF: quantized and compressed meshes.
 
 use glam::DVec3;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use super::gltf::{good, with_data};
+use super::assert_says;
+use super::gltf::{good, load, with_data};
 
 /// Left half white, right half black.
 pub const HALF: &str = "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAAAAABX3VL4AAAADklEQVR42mP4z8DwnwEABv8B/xpDwIAAAAAASUVORK5CYII=";
@@ -47,5 +48,61 @@ fn quantized_meshes_are_read() {
                 assert!((albedo - 0.5 * share).abs() < 0.02, "{kind} {fraction}: {albedo}");
             }
         }
+    }
+}
+
+/// What gltfpack 1.3 makes of three triangles with `-cc`: attributes, normals behind a filter, and triangles, without a fallback.
+#[test]
+fn compressed_views_are_read() {
+    let compressed = |view: Value| json!({ "EXT_meshopt_compression": view });
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "extensionsUsed": ["KHR_mesh_quantization", "EXT_meshopt_compression"],
+        "extensionsRequired": ["KHR_mesh_quantization", "EXT_meshopt_compression"],
+        "buffers": [
+            { "byteLength": 132, "uri": "data:;base64,oAEQgAAAATDAAAB+fQEEAAAAAQwAAAB+AQGAAAABA8AAAH59AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAoAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAB/AAAAAOHwECAAdodWZ3iphmWJaJgBaQAA" },
+            { "byteLength": 80, "extensions": compressed(json!({ "fallback": true })) },
+        ],
+        "bufferViews": [
+            { "buffer": 1, "byteOffset": 0, "byteLength": 40, "byteStride": 8, "extensions": compressed(json!(
+                { "buffer": 0, "byteOffset": 0, "byteLength": 70, "byteStride": 8, "mode": "ATTRIBUTES", "count": 5 })) },
+            { "buffer": 1, "byteOffset": 40, "byteLength": 20, "byteStride": 4, "extensions": compressed(json!(
+                { "buffer": 0, "byteOffset": 72, "byteLength": 37, "byteStride": 4, "mode": "ATTRIBUTES", "filter": "OCTAHEDRAL", "count": 5 })) },
+            { "buffer": 1, "byteOffset": 60, "byteLength": 18, "extensions": compressed(json!(
+                { "buffer": 0, "byteOffset": 112, "byteLength": 20, "byteStride": 2, "mode": "TRIANGLES", "count": 9 })) },
+        ],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5123, "count": 5, "type": "VEC3", "min": [0, 0, 0], "max": [16383, 16383, 16383] },
+            { "bufferView": 1, "componentType": 5120, "count": 5, "type": "VEC3", "normalized": true },
+            { "bufferView": 2, "componentType": 5123, "count": 9, "type": "SCALAR" },
+        ],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "NORMAL": 1 }, "indices": 2 }] }],
+        "nodes": [{ "mesh": 0, "scale": [6.10388815e-05, 6.10388815e-05, 6.10388815e-05] }],
+        "scenes": [{ "nodes": [0] }],
+        "scene": 0,
+    });
+    let scene = good(&document);
+    // Two triangles of the unit square, and one beside it that leans; the packer puts them in an order of its own.
+    let mut areas: Vec<DVec3> = (0..scene.triangles.len()).map(|t| scene.area_vector(t)).collect();
+    areas.sort_by(|a, b| a.x.total_cmp(&b.x));
+    let expected = [[-0.5, 0.0, 0.0], [0.0, 0.0, 0.5], [0.0, 0.0, 0.5]].map(DVec3::from);
+    for (area, expected) in areas.iter().zip(expected) {
+        assert!(area.abs_diff_eq(expected, 1e-4), "{areas:?}");
+    }
+    assert_eq!(areas.len(), 3);
+    for (pointer, value, part) in [
+        ("/bufferViews/0/extensions/EXT_meshopt_compression/byteLength", json!(60), "buffer view 0"),
+        ("/bufferViews/2/extensions/EXT_meshopt_compression/count", json!(8), "has malformed data"),
+        (
+            "/bufferViews/0/extensions/EXT_meshopt_compression/count",
+            json!(1_u64 << 40),
+            "more than 2147483648 bytes",
+        ),
+        ("/bufferViews/0/extensions/EXT_meshopt_compression/buffer", json!(7), "buffer view 0"),
+        ("/bufferViews/0/extensions/EXT_meshopt_compression/mode", json!("MESHLETS"), "buffer view 0"),
+    ] {
+        let mut changed = document.clone();
+        *changed.pointer_mut(pointer).expect("a place") = value;
+        assert_says(&load(&changed).expect_err(pointer), &["s.gltf", part]);
     }
 }

@@ -6,6 +6,7 @@ mod checks;
 mod export;
 mod gltf;
 mod gltf_extensions;
+mod gltf_forms;
 mod meshes;
 mod mitsuba;
 #[path = "../support/obj.rs"]

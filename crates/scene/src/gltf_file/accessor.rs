@@ -1,29 +1,33 @@
 //! Numbers of a glTF file. No offset of the file is trusted.
 
+use gltf::accessor::sparse::IndexType;
 use gltf::accessor::{DataType, Dimensions};
 
+use super::buffers::Buffers;
+
+/// Most rows of an accessor without data, which are zeros.
+const MOST_ZEROS: usize = 10_000_000;
+
 pub(super) struct Accessors<'a> {
-    buffers: &'a [Vec<u8>],
+    buffers: &'a Buffers,
 }
 
 impl<'a> Accessors<'a> {
-    pub fn new(buffers: &'a [Vec<u8>]) -> Self {
+    pub fn new(buffers: &'a Buffers) -> Self {
         Self { buffers }
     }
 
-    /// Rows of N numbers, integers scaled to 0 … 1 if they are normalized.
+    /// Rows of N numbers, integers scaled to 0 … 1 or -1 … 1 if they are normalized.
     ///
     /// # Errors
-    /// Fails if rows do not have N numbers, if data are sparse, missing or past the end of a buffer, or if a
-    /// number is not finite.
+    /// Fails if rows do not have N numbers, if data are missing or past the end of a buffer, or if a number is not finite.
     pub fn rows<const N: usize>(&self, accessor: &gltf::Accessor) -> Result<Vec<[f64; N]>, String> {
         let number = |row: &[u8], at: usize| {
             let (x, most) = number(row, at, accessor.data_type());
             if accessor.normalized() { (x / most).max(-1.0) } else { x }
         };
-        let rows = self.bytes(accessor, N)?;
-        let rows = rows.map(|row| std::array::from_fn(|k| number(row, k)));
-        let rows: Vec<[f64; N]> = rows.collect();
+        let rows = self.bytes(accessor, N)?.into_iter();
+        let rows: Vec<[f64; N]> = rows.map(|row| std::array::from_fn(|k| number(row, k))).collect();
         match rows.iter().flatten().all(|x| x.is_finite()) {
             true => Ok(rows),
             false => Err(format!("accessor {} has numbers that are not finite", accessor.index())),
@@ -45,44 +49,62 @@ impl<'a> Accessors<'a> {
         if !matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::U32) {
             return Err(format!("accessor {} has indices that are no unsigned integers", accessor.index()));
         }
-        Ok(self.bytes(accessor, 1)?.map(|row| number(row, 0, accessor.data_type()).0 as u32).collect())
+        let rows = self.bytes(accessor, 1)?.into_iter();
+        Ok(rows.map(|row| number(row, 0, accessor.data_type()).0 as u32).collect())
     }
 
-    /// The bytes of each row, of which there are as many as the file's buffers hold.
-    fn bytes(
-        &self,
-        accessor: &gltf::Accessor,
-        width: usize,
-    ) -> Result<impl Iterator<Item = &'a [u8]> + use<'a>, String> {
+    /// The bytes of each row: those of its view, or zeros, with the sparse ones in their place.
+    fn bytes(&self, accessor: &gltf::Accessor, width: usize) -> Result<Vec<&'a [u8]>, String> {
+        const ZEROS: &[u8] = &[0; 64];
         let wrong = |what: &str| format!("accessor {} {what}", accessor.index());
+        let past_the_end = || wrong("reads past the end of its buffer");
         if accessor.dimensions().multiplicity() != width {
             return Err(wrong(&format!(
                 "has {} numbers a row; expected {width}",
                 accessor.dimensions().multiplicity()
             )));
         }
-        if accessor.sparse().is_some() {
-            return Err(wrong("is sparse, which is not read"));
-        }
-        let view = accessor.view().ok_or_else(|| wrong("has no data"))?;
-        let buffer: &'a [u8] =
-            self.buffers.get(view.buffer().index()).ok_or_else(|| wrong("has no buffer"))?;
         let size = accessor.data_type().size() * width;
-        let stride = view.stride().unwrap_or(size).max(size);
-        let (count, offset) = (accessor.count(), accessor.offset());
-        let end = |start: usize, length: usize| start.checked_add(length).filter(|&end| end <= buffer.len());
-        let view_end =
-            end(view.offset(), view.length()).ok_or_else(|| wrong("reads past the end of its buffer"))?;
-        let last = count.saturating_sub(1).checked_mul(stride).and_then(|rows| rows.checked_add(size));
-        let start = view.offset().checked_add(offset);
-        match (start, last) {
-            (Some(start), Some(last))
-                if count == 0 || start.checked_add(last).is_some_and(|end| end <= view_end) =>
-            {
-                Ok((0..count).map(move |row| &buffer[start + row * stride..start + row * stride + size]))
+        let mut rows: Vec<&[u8]> = match accessor.view() {
+            Some(view) => self
+                .elements(&view, accessor.offset(), accessor.count(), size)
+                .ok_or_else(past_the_end)?
+                .collect(),
+            None if accessor.count() > MOST_ZEROS => {
+                return Err(wrong(&format!("has more than {MOST_ZEROS} rows without data")));
             }
-            _ => Err(wrong("reads past the end of its buffer")),
+            None => vec![&ZEROS[..size]; accessor.count()],
+        };
+        if let Some(sparse) = accessor.sparse() {
+            let (places, values, count) = (sparse.indices(), sparse.values(), sparse.count());
+            let kind = match places.index_type() {
+                IndexType::U8 => DataType::U8,
+                IndexType::U16 => DataType::U16,
+                IndexType::U32 => DataType::U32,
+            };
+            let places = self.elements(&places.view(), places.offset(), count, kind.size());
+            let values = self.elements(&values.view(), values.offset(), count, size);
+            for (place, value) in places.ok_or_else(past_the_end)?.zip(values.ok_or_else(past_the_end)?) {
+                let row = rows.get_mut(number(place, 0, kind).0 as usize);
+                *row.ok_or_else(|| wrong("has sparse values past its last row"))? = value;
+            }
         }
+        Ok(rows)
+    }
+
+    /// The bytes of each of `count` elements of a view from an offset, or `None` if they reach past its end.
+    fn elements(
+        &self,
+        view: &gltf::buffer::View,
+        offset: usize,
+        count: usize,
+        size: usize,
+    ) -> Option<impl Iterator<Item = &'a [u8]> + use<'a>> {
+        let stride = view.stride().unwrap_or(size).max(size);
+        let bytes = self.buffers.view(view)?.get(offset..)?;
+        let end = count.saturating_sub(1).checked_mul(stride)?.checked_add(size)?;
+        let fits = count == 0 || end <= bytes.len();
+        fits.then(|| (0..count).map(move |row| &bytes[row * stride..row * stride + size]))
     }
 }
 

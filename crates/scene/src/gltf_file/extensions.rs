@@ -1,7 +1,8 @@
 //! What becomes of the extensions that a glTF file uses.
 
 /// Extensions that are read. Where a texture needs a picture of another kind, the reader of materials says so.
-const READ: [&str; 7] = [
+const READ: [&str; 8] = [
+    "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -17,7 +18,7 @@ const READ: [&str; 7] = [
 pub(super) fn check(required: &[String]) -> Result<(), String> {
     match required.iter().find(|name| !READ.contains(&name.as_str())) {
         Some(name) if name.contains("compression") => Err(format!(
-            "its meshes are compressed ({name}), which is not read: export it without compression"
+            "its meshes are compressed ({name}), which is not read: export it without compression, or with EXT_meshopt_compression"
         )),
         Some(name) => Err(format!("it requires {name}, which is not read: export it without")),
         None => Ok(()),

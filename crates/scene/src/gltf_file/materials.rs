@@ -17,7 +17,7 @@ use std::sync::Arc;
 use glam::{DAffine2, DVec2, DVec3};
 use serde::Deserialize;
 
-use super::buffers;
+use super::buffers::{self, Buffers};
 use crate::geometry::RawMaterial;
 use crate::material::{Material, Normalization};
 use crate::texture::{Encoding, Map, Texture};
@@ -37,7 +37,7 @@ const MOST_BYTES: u64 = 1 << 29;
 
 pub(super) struct Materials<'a> {
     path: &'a Path,
-    buffers: &'a [Vec<u8>],
+    buffers: &'a Buffers,
     textures: HashMap<(usize, Encoding), Option<Arc<Texture>>>,
     /// Index of the material of each name.
     names: HashMap<String, usize>,
@@ -56,7 +56,7 @@ pub(super) fn texture_set(material: &gltf::Material) -> Option<u32> {
 }
 
 impl<'a> Materials<'a> {
-    pub fn new(path: &'a Path, buffers: &'a [Vec<u8>]) -> Self {
+    pub fn new(path: &'a Path, buffers: &'a Buffers) -> Self {
         Self { path, buffers, textures: HashMap::new(), names: HashMap::new(), unread: false }
     }
 
@@ -158,14 +158,9 @@ impl<'a> Materials<'a> {
                 Texture::decode(&buffers::fetch(uri, self.path, MOST_BYTES).map_err(wrong)?, encoding)
             }
             gltf::image::Source::View { view, .. } => {
-                let bytes = self
-                    .buffers
-                    .get(view.buffer().index())
-                    .and_then(|buffer| buffer.get(view.offset()..view.offset().checked_add(view.length())?));
-                Texture::decode(
-                    bytes.ok_or_else(|| wrong("lies past the end of its buffer".to_owned()))?,
-                    encoding,
-                )
+                let bytes = self.buffers.view(&view);
+                let bytes = bytes.ok_or_else(|| wrong("lies past the end of its buffer".to_owned()))?;
+                Texture::decode(bytes, encoding)
             }
         };
         let read = read.map_err(wrong)?.map(Arc::new);

@@ -8,6 +8,7 @@ mod buffers;
 mod extensions;
 mod lights;
 mod materials;
+mod meshopt;
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -18,6 +19,7 @@ use serde::Deserialize;
 use serde_json::json;
 
 use self::accessor::Accessors;
+use self::buffers::Buffers;
 use self::materials::Materials;
 use super::error::SceneError;
 use super::geometry::RawMesh;
@@ -47,7 +49,7 @@ fn read_document(path: &Path, warnings: &mut Vec<String>) -> Result<Contents, Sc
     let (document, blob) =
         parse(&bytes).map_err(|message| invalid(format!("is no glTF 2.0 that can be read: {message}")))?;
     drop(bytes);
-    let buffers = buffers::read(&document, blob, path).map_err(invalid)?;
+    let buffers = Buffers::read(&document, blob, path).map_err(invalid)?;
     let Some(scene) = document.default_scene().or_else(|| document.scenes().next()) else {
         return Err(invalid(String::from("has no scene")));
     };
