@@ -1,10 +1,11 @@
-//! Extensions of glTF: quantized and compressed meshes.
+//! Extensions of glTF: quantized and compressed meshes, specular-glossiness materials, and what is said of others.
 
+use antirad::scene::{Normalization, Scene};
 use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::assert_says;
-use super::gltf::{good, load, with_data};
+use super::gltf::{document, good, load, with_data};
 
 /// Left half white, right half black.
 pub const HALF: &str = "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAAAAABX3VL4AAAADklEQVR42mP4z8DwnwEABv8B/xpDwIAAAAAASUVORK5CYII=";
@@ -105,4 +106,72 @@ fn compressed_views_are_read() {
         *changed.pointer_mut(pointer).expect("a place") = value;
         assert_says(&load(&changed).expect_err(pointer), &["s.gltf", part]);
     }
+}
+
+fn glossy(extension: Value) -> Scene {
+    let mut document = document();
+    document["materials"][0] =
+        json!({ "name": "m", "extensions": { "KHR_materials_pbrSpecularGlossiness": extension } });
+    document["textures"] = json!([{ "source": 0 }]);
+    document["images"] = json!([{ "uri": HALF }]);
+    good(&document)
+}
+
+#[test]
+fn specular_glossiness_is_read() {
+    let near = |found: [f64; 3], expected: [f64; 3]| {
+        assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-6), "{found:?}, not {expected:?}");
+    };
+    // Rough, with the default of a white specular colour.
+    let rough =
+        glossy(json!({ "diffuseFactor": [0.2, 0.6, 0.2, 1], "glossinessFactor": 0 })).material(0).clone();
+    near(rough.albedo, [0.2, 0.6, 0.2]);
+    assert!(!rough.is_glossy());
+    // A polished dielectric, and a metal of roughness 0.5.
+    let polished = glossy(json!({
+        "diffuseFactor": [0.2, 0.6, 0.2, 1], "specularFactor": [0.04, 0.04, 0.04], "glossinessFactor": 0.8,
+    }));
+    let polished = polished.material(0);
+    near(polished.specular, [0.04; 3]);
+    assert!(
+        (polished.power - 1248.0).abs() < 0.1 && polished.normalization == Normalization::Energy,
+        "{polished:?}"
+    );
+    let metal = glossy(json!({
+        "diffuseFactor": [0, 0, 0, 1], "specularFactor": [0.8, 0.6, 0.4], "glossinessFactor": 0.5,
+    }));
+    near(metal.material(0).albedo, [0.0; 3]);
+    near(metal.material(0).specular, [0.8, 0.6, 0.4]);
+    assert!((metal.material(0).power - 30.0).abs() < 1e-3);
+    // What is specular is not diffuse. Textures multiply: half of the picture is white, and it is opaque.
+    let textured = glossy(json!({
+        "diffuseFactor": [0.8, 0.8, 0.8, 1], "specularFactor": [0.5, 0.5, 0.5], "glossinessFactor": 0.5,
+        "specularGlossinessTexture": { "index": 0 },
+    }));
+    near(textured.material(0).specular, [0.25; 3]);
+    near(textured.material(0).albedo, [0.6; 3]);
+    assert!((textured.material(0).power - 30.0).abs() < 1e-3);
+    assert!(textured.warnings.iter().any(|w| w.contains("variation of specular colour and glossiness")));
+}
+
+/// Each is named once, with what stands in for it.
+#[test]
+fn other_extensions_are_named() {
+    let mut document = document();
+    let used =
+        json!(["KHR_materials_unlit", "KHR_materials_ior", "KHR_materials_transmission", "EXT_unheard_of"]);
+    document["extensionsUsed"] = used;
+    document["extensionsRequired"] = json!(["KHR_materials_unlit"]);
+    document["materials"][0]["extensions"] =
+        json!({ "KHR_materials_unlit": {}, "KHR_materials_ior": { "ior": 1.8 } });
+    let scene = good(&document);
+    let said: Vec<&String> = scene.warnings.iter().filter(|w| w.contains("KHR_")).collect();
+    assert_eq!(said.len(), 1, "{:?}", scene.warnings);
+    let parts = [
+        "KHR_materials_unlit (surfaces reflect light like others)",
+        "KHR_materials_ior (dielectrics reflect 4 % at normal incidence)",
+        "KHR_materials_transmission (surfaces are opaque)",
+        "EXT_unheard_of",
+    ];
+    assert_says(said[0], &parts);
 }

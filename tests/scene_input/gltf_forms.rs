@@ -160,3 +160,20 @@ fn names_with_blanks_and_places_far_away() {
     assert_eq!(scene.corners(0)[1] - scene.corners(0)[0], 2.0 * DVec3::X);
     assert_eq!(scene.corners(0)[0], DVec3::new(4.5e6, 0.0, 4.5e6));
 }
+
+/// A face has one set of coordinates, that of its colour.
+#[test]
+fn emission_with_coordinates_of_its_own_takes_its_mean() {
+    let emission = |set: u32| {
+        let mut document = painted();
+        document["materials"][0]["emissiveTexture"] = json!({ "index": 0, "texCoord": set });
+        good(&document)
+    };
+    let same = emission(0);
+    for (triangle, share) in [(0, 0.25), (1, 0.75)] {
+        assert!((same.material(triangle).emission[0] - 8.0 * share).abs() < 0.1);
+    }
+    let own = emission(1);
+    assert!((0..2).all(|t| own.material(t).emission == [4.0, 2.0, 0.0]));
+    assert!(own.warnings.iter().any(|w| w.contains("coordinates of their own")), "{:?}", own.warnings);
+}

@@ -1,7 +1,7 @@
 //! Textures of mesh files, in linear light: their mean over a triangle, and their value at a point.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DAffine2, DVec2, DVec3};
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
@@ -14,17 +14,18 @@ const MOST_TEXELS: u32 = 1 << 15;
 const SAMPLES: [f64; 2] = [4.0, 256.0];
 
 /// A picture in linear RGB; texture coordinates (0, 0) are its upper left corner, and it repeats.
-#[derive(Debug, PartialEq)]
+#[derive(Debug)]
 pub(super) struct Texture {
     width: u32,
     height: u32,
     texels: Texels,
     /// Light by the number of a texel.
     light: Vec<f32>,
+    mean: OnceLock<DVec3>,
 }
 
 /// Texels as numbers of the file, so that a texture takes no more memory than its picture.
-#[derive(Debug, PartialEq)]
+#[derive(Debug)]
 enum Texels {
     Bytes(Vec<[u8; 3]>),
     Words(Vec<[u16; 3]>),
@@ -52,6 +53,8 @@ pub(super) enum Encoding {
     Srgb,
     /// Linear, for other quantities.
     Linear,
+    /// That of opacity, linear, in place of all colours.
+    Alpha,
 }
 
 /// The bytes of the file of a picture. Errors of these functions say what is wrong, without the file.
@@ -101,8 +104,9 @@ impl Texture {
     fn of(picture: DynamicImage, encoding: Encoding) -> Self {
         let light = |x: f64| match encoding {
             Encoding::Srgb => linear_from_srgb(x),
-            Encoding::Linear => x,
+            Encoding::Linear | Encoding::Alpha => x,
         };
+        let picture = if encoding == Encoding::Alpha { alpha(&picture) } else { picture };
         let table = |most: u32| (0..=most).map(|x| light(f64::from(x) / f64::from(most)) as f32).collect();
         let (width, height) = (picture.width(), picture.height());
         let bytes = picture.color().bytes_per_pixel() <= picture.color().channel_count();
@@ -110,7 +114,7 @@ impl Texture {
             true => (Texels::Bytes(rgb(picture.into_rgb8().into_raw())), table(u32::from(u8::MAX))),
             false => (Texels::Words(rgb(picture.into_rgb16().into_raw())), table(u32::from(u16::MAX))),
         };
-        Self { width, height, texels, light }
+        Self { width, height, texels, light, mean: OnceLock::new() }
     }
 
     fn texel(&self, column: u32, row: u32) -> DVec3 {
@@ -159,9 +163,11 @@ impl Texture {
 
     /// The mean over all texels.
     pub fn mean(&self) -> DVec3 {
-        let places = (0..self.height).flat_map(|row| (0..self.width).map(move |column| (column, row)));
-        let sum: DVec3 = places.map(|(column, row)| self.texel(column, row)).sum();
-        sum / (f64::from(self.width) * f64::from(self.height)).max(1.0)
+        *self.mean.get_or_init(|| {
+            let places = (0..self.height).flat_map(|row| (0..self.width).map(move |column| (column, row)));
+            let sum: DVec3 = places.map(|(column, row)| self.texel(column, row)).sum();
+            sum / (f64::from(self.width) * f64::from(self.height)).max(1.0)
+        })
     }
 
     /// The mean over a triangle: of the texels at the centroids of equal parts, about as many as it has texels.
@@ -188,6 +194,13 @@ impl Texture {
         }
         sum / f64::from(n * n)
     }
+}
+
+/// The opacity of a picture, in grey.
+fn alpha(picture: &DynamicImage) -> DynamicImage {
+    let rgba = picture.to_rgba8();
+    image::GrayImage::from_fn(rgba.width(), rgba.height(), |x, y| image::Luma([rgba.get_pixel(x, y)[3]]))
+        .into()
 }
 
 /// Three numbers each.
@@ -298,7 +311,7 @@ mod tests {
             Texture::decode(bytes, Encoding::Srgb).expect_err("no picture");
         }
         for bytes in [&b""[..], b"GIF89a"] {
-            assert_eq!(Texture::decode(bytes, Encoding::Srgb), Ok(None));
+            assert!(Texture::decode(bytes, Encoding::Srgb).is_ok_and(|texture| texture.is_none()));
         }
         // A PNG that claims 2 GB.
         let mut huge = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();

@@ -9,6 +9,12 @@
 //! The power is that of the Blinn-Phong lobe about as wide as the microfacet distribution of roughness α = r² (Walter et al.,
 //! EGSR 2007: p = 2/α² - 2). Dielectrics with r ≥ 0.4 are diffuse, σ = 0, since their 4 % are hardly seen and lobes cost bins; where
 //! p < 1, σ joins ρ.
+//!
+//! KHR_materials_pbrSpecularGlossiness has a diffuse colour d, a specular colour s and a glossiness g, in whose terms
+//!
+//! ```text
+//! ρ = (1 - max s) d        σ = s        r = 1 - g
+//! ```
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -26,6 +32,8 @@ use crate::texture::{Encoding, Map, Texture};
 const DIELECTRIC: f64 = 0.04;
 /// Roughness from which dielectrics are diffuse.
 const ROUGH: f64 = 0.4;
+/// Specular colour up to which a material is a dielectric.
+const WEAK: f64 = 0.1;
 /// Metalness below which a material is a dielectric.
 const METAL: f64 = 0.05;
 /// The largest power that roughness stands for.
@@ -47,12 +55,20 @@ pub(super) struct Materials<'a> {
 
 /// The set of texture coordinates that a material needs.
 pub(super) fn texture_set(material: &gltf::Material) -> Option<u32> {
-    let base = material.pbr_metallic_roughness().base_color_texture();
-    let set = |info: gltf::texture::Info| {
-        let moved = info.texture_transform().and_then(|transform| transform.tex_coord());
-        moved.unwrap_or(info.tex_coord())
-    };
-    base.or(material.emissive_texture()).map(set)
+    colour_texture(material).or(material.emissive_texture()).map(|info| set(&info))
+}
+
+fn set(info: &gltf::texture::Info) -> u32 {
+    let moved = info.texture_transform().and_then(|transform| transform.tex_coord());
+    moved.unwrap_or(info.tex_coord())
+}
+
+/// The texture of the albedo.
+fn colour_texture<'a>(material: &gltf::Material<'a>) -> Option<gltf::texture::Info<'a>> {
+    match material.pbr_specular_glossiness() {
+        Some(glossy) => glossy.diffuse_texture(),
+        None => material.pbr_metallic_roughness().base_color_texture(),
+    }
 }
 
 impl<'a> Materials<'a> {
@@ -80,42 +96,85 @@ impl<'a> Materials<'a> {
             let grey = Material { albedo: [0.5; 3], ..Material::named("default") };
             return Ok(RawMaterial::of_file(grey, self.path));
         }
-        let pbr = from.pbr_metallic_roughness();
-        let (mut metal, mut rough) = (f64::from(pbr.metallic_factor()), f64::from(pbr.roughness_factor()));
-        if let Some(info) = pbr.metallic_roughness_texture() {
-            let mean =
-                self.texture(&info.texture(), Encoding::Linear)?.map_or(DVec3::ONE, |texture| texture.mean());
-            ignore("variation of metalness and roughness over a material, whose means are taken");
-            (metal, rough) = (metal * mean.z, rough * mean.y);
-        }
-        let [r, g, b, _] = pbr.base_color_factor().map(f64::from);
         let name = self.name(from);
-        let strength = from.emissive_strength().map_or(1.0, f64::from);
-        let emission = DVec3::from(from.emissive_factor().map(f64::from)) * strength;
-        let rough = rough.clamp(0.0, 1.0);
+        let (reflecting, rough) = match from.pbr_specular_glossiness() {
+            Some(glossy) => self.specular_glossy(&name, &glossy, &mut ignore)?,
+            None => self.metallic_rough(&name, &from.pbr_metallic_roughness(), &mut ignore)?,
+        };
         if from.extras().is_none() && power(rough) > SHARPEST {
             ignore("roughness below 0.18, which is taken as 0.18");
         }
-        let material = Material {
-            emission: emission.into(),
-            ..reflecting(&name, [r, g, b], metal.clamp(0.0, 1.0), rough)
-        };
+        let strength = from.emissive_strength().map_or(1.0, f64::from);
+        let emission = DVec3::from(from.emissive_factor().map(f64::from)) * strength;
+        let material = Material { emission: emission.into(), ..reflecting };
         let exact = from.extras().as_ref().and_then(|extras| Exact::of(extras.get()));
         let material = exact.map_or(material, |exact| exact.material(&name));
         let mut raw = RawMaterial::of_file(material, self.path);
         raw.two_sided = from.double_sided();
-        raw.maps.albedo = match pbr.base_color_texture() {
+        raw.maps.albedo = match colour_texture(from) {
             Some(info) => self.map(&info)?,
             None => None,
         };
-        raw.maps.emission = match from.emissive_texture() {
-            Some(info) if emission != DVec3::ZERO => self.map(&info)?,
-            _ => None,
-        };
+        match from.emissive_texture() {
+            Some(info) if emission != DVec3::ZERO && texture_set(from) != Some(set(&info)) => {
+                ignore("emission textures with coordinates of their own, whose means are taken");
+                raw.material.emission = (emission * self.mean(&info, Encoding::Srgb)?).into();
+            }
+            Some(info) if emission != DVec3::ZERO => raw.maps.emission = self.map(&info)?,
+            _ => {}
+        }
         if self.unread {
             ignore("textures that are neither PNG nor JPEG");
         }
         Ok(raw)
+    }
+
+    /// What reflects of a material of metalness and roughness, and the roughness.
+    fn metallic_rough(
+        &mut self,
+        name: &str,
+        from: &gltf::material::PbrMetallicRoughness,
+        ignore: &mut impl FnMut(&str),
+    ) -> Result<(Material, f64), String> {
+        let (mut metal, mut rough) = (f64::from(from.metallic_factor()), f64::from(from.roughness_factor()));
+        if let Some(info) = from.metallic_roughness_texture() {
+            let mean = self.mean(&info, Encoding::Linear)?;
+            ignore("variation of metalness and roughness over a material, whose means are taken");
+            (metal, rough) = (metal * mean.z, rough * mean.y);
+        }
+        let [r, g, b, _] = from.base_color_factor().map(f64::from);
+        let rough = rough.clamp(0.0, 1.0);
+        Ok((reflecting(name, [r, g, b], metal.clamp(0.0, 1.0), rough), rough))
+    }
+
+    /// The same of a material of specular colour and glossiness.
+    fn specular_glossy(
+        &mut self,
+        name: &str,
+        from: &gltf::material::PbrSpecularGlossiness,
+        ignore: &mut impl FnMut(&str),
+    ) -> Result<(Material, f64), String> {
+        let mut specular = DVec3::from(from.specular_factor().map(f64::from));
+        let mut gloss = f64::from(from.glossiness_factor());
+        let [r, g, b, _] = from.diffuse_factor().map(f64::from);
+        if let Some(info) = from.specular_glossiness_texture() {
+            ignore("variation of specular colour and glossiness over a material, whose means are taken");
+            specular *= self.mean(&info, Encoding::Srgb)?;
+            gloss *= self.mean(&info, Encoding::Alpha)?.x;
+        } else if specular == DVec3::ONE && [r, g, b] != [0.0; 3] {
+            // The default, which leaves nothing to the diffuse colour: nobody who gives one means that.
+            specular = DVec3::splat(DIELECTRIC);
+        }
+        let rough = 1.0 - gloss.clamp(0.0, 1.0);
+        let left = 1.0 - specular.max_element().clamp(0.0, 1.0);
+        let dielectric = specular.max_element() <= WEAK;
+        let colour = [r, g, b].map(|d| if dielectric { d } else { left * d });
+        Ok((with_lobe(name, colour, specular.into(), dielectric, rough), rough))
+    }
+
+    /// The mean of a texture; 1 for one that is not read.
+    fn mean(&mut self, info: &gltf::texture::Info, encoding: Encoding) -> Result<DVec3, String> {
+        Ok(self.texture(&info.texture(), encoding)?.map_or(DVec3::ONE, |texture| texture.mean()))
     }
 
     /// The name of a material; names need not differ in the file.
@@ -203,10 +262,14 @@ fn power(rough: f64) -> f64 {
 fn reflecting(name: &str, base: [f64; 3], metal: f64, rough: f64) -> Material {
     let metal = if metal < METAL { 0.0 } else { metal };
     let albedo = base.map(|b| (1.0 - metal) * b);
-    if metal == 0.0 && rough >= ROUGH {
+    let specular = base.map(|b| metal * b + (1.0 - metal) * DIELECTRIC);
+    with_lobe(name, albedo, specular, metal == 0.0, rough)
+}
+
+fn with_lobe(name: &str, albedo: [f64; 3], specular: [f64; 3], dielectric: bool, rough: f64) -> Material {
+    if dielectric && rough >= ROUGH {
         return Material { albedo, ..Material::named(name) };
     }
-    let specular = base.map(|b| metal * b + (1.0 - metal) * DIELECTRIC);
     let power = power(rough).clamp(0.0, SHARPEST);
     if power < WIDE {
         let sum = [0, 1, 2].map(|k| albedo[k] + specular[k]);

@@ -59,7 +59,7 @@ fn read_document(path: &Path, warnings: &mut Vec<String>) -> Result<Contents, Sc
         accessors,
         contents: Contents::default(),
         lights: Vec::new(),
-        ignored: Vec::new(),
+        ignored: extensions::notes(&document.as_json().extensions_used).collect(),
         triangles: 0,
     };
     // Every node has one parent at most, so that one met twice belongs to a cycle or to two parents.
