@@ -89,7 +89,7 @@ fn instances_materials_cameras_and_lights() {
     assert!((tangent(eye.fov_x_degrees) - 2.0 * 0.5f64.tan()).abs() < 1e-9);
 
     let lamp: Vec<usize> = (4..scene.triangles.len()).collect();
-    assert_eq!(lamp.len(), 8);
+    assert_eq!(lamp.len(), 20);
     let middle = DVec3::new(0.0, 3.0, 3.0);
     let power: DVec3 = lamp
         .iter()
@@ -161,7 +161,7 @@ fn binary_files_hold_their_buffer() {
     let toml = "[[mesh]]\npath = \"s.glb\"\nmaterial = \"blue\"\n[material.blue]\nemission = 3\n";
     std::fs::write(folder.0.path().join("g.toml"), toml).expect("written");
     let placed = folder.load("g.toml", false).expect("a scene");
-    assert_eq!((placed.triangles.len(), placed.meshes.len()), (12, 1));
+    assert_eq!((placed.triangles.len(), placed.meshes.len()), (24, 1));
     assert!(placed.materials.iter().any(|m| m.name == "blue") && placed.material(5).emission == [3.0; 3]);
     for cut in [0, 3, 11, 19, 200, glb.len() - 1] {
         std::fs::write(folder.0.path().join("s.glb"), &glb[..cut]).expect("written");

@@ -26,6 +26,7 @@ mod orient;
 mod outlook;
 mod pattern;
 mod ply;
+mod point_lights;
 mod rays;
 mod refine;
 mod refine_texture;

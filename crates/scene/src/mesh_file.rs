@@ -6,6 +6,9 @@ use super::error::SceneError;
 use super::geometry::RawMesh;
 use super::{Camera, Sky, gltf_file, mitsuba, obj, ply};
 
+/// Most triangles of all instances of a file together.
+pub(super) const MOST_TRIANGLES: usize = 10_000_000;
+
 /// What a file holds.
 #[derive(Default)]
 pub(super) struct Contents {

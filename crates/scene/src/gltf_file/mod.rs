@@ -21,13 +21,12 @@ use serde_json::json;
 use self::accessor::Accessors;
 use self::buffers::Buffers;
 use self::materials::Materials;
+use super::Camera;
 use super::error::SceneError;
 use super::geometry::RawMesh;
-use super::mesh_file::Contents;
-use super::{Camera, bounds};
+use super::mesh_file::{Contents, MOST_TRIANGLES};
+use super::point_lights::{self, PointLight};
 
-/// Most triangles of all instances together.
-const MOST_TRIANGLES: usize = 10_000_000;
 /// Rows of the picture of a camera.
 const HEIGHT: u32 = 480;
 
@@ -156,7 +155,7 @@ struct Reader<'a> {
     accessors: Accessors<'a>,
     materials: Materials<'a>,
     contents: Contents,
-    lights: Vec<lights::Light>,
+    lights: Vec<PointLight>,
     /// What is left out, each once.
     ignored: Vec<String>,
     triangles: usize,
@@ -193,7 +192,7 @@ impl Reader<'_> {
         }
         if let Some(light) = node.light() {
             let name = node.name().or(light.name()).map_or(format!("light {}", light.index()), str::to_owned);
-            match lights::Light::new(name, &light, place) {
+            match lights::read(name, &light, place) {
                 Some(light) => self.lights.push(light),
                 None => self.ignore("directional lights"),
             }
@@ -310,19 +309,7 @@ impl Reader<'_> {
     }
 
     fn finish(mut self, path: &Path, warnings: &mut Vec<String>) -> Result<Contents, SceneError> {
-        let (low, high) =
-            bounds(self.contents.meshes.iter().flat_map(|(_, mesh)| mesh.vertices.iter().copied()));
-        let size = (high - low).length();
-        if !self.lights.is_empty() && size > 0.0 && size.is_finite() {
-            warnings.push(format!(
-                "{}: {} point and spot light(s) are lamps of the same power, octahedra and discs {:.3e} m wide.",
-                path.display(),
-                self.lights.len(),
-                2.0 * lights::RADIUS * size
-            ));
-            let lamps = self.lights.iter().map(|light| light.lamp(size, path));
-            self.contents.meshes.extend(lamps);
-        }
+        point_lights::add(&self.lights, &mut self.contents, path, warnings);
         if !self.ignored.is_empty() {
             warnings.push(format!("{}: ignored: {}.", path.display(), self.ignored.join(", ")));
         }
