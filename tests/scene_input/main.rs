@@ -9,6 +9,8 @@ mod gltf_extensions;
 mod gltf_forms;
 mod meshes;
 mod mitsuba;
+mod mitsuba_files;
+mod mitsuba_textures;
 #[path = "../support/obj.rs"]
 mod obj;
 mod ply;

@@ -242,7 +242,7 @@ impl Assembly {
         let has_maps = |index: &u32| {
             self.maps.get(index).is_some_and(|maps| maps.albedo.is_some() || maps.emission.is_some())
         };
-        let textured = !mesh.uvs.is_empty() && materials.iter().any(has_maps);
+        let textured = materials.iter().any(has_maps);
         if !textured && mesh.colours.is_empty() {
             return (mesh.face_materials.iter().map(|&m| materials[m as usize]).collect(), Vec::new());
         }

@@ -3,12 +3,13 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DMat4, DVec2, DVec3};
 
 use super::Material;
 use super::texture::Map;
 
 /// A mesh as read or generated: faces in file order, the triangles of a polygon consecutive.
+#[derive(Clone)]
 pub(super) struct RawMesh {
     pub vertices: Vec<DVec3>,
     pub faces: Vec<[u32; 3]>,
@@ -25,6 +26,7 @@ pub(super) struct RawMesh {
     pub materials: Vec<RawMaterial>,
 }
 
+#[derive(Clone)]
 pub(super) struct RawMaterial {
     pub material: Material,
     /// File of the definition, and its line if it has lines; `None` for a grey placeholder.
@@ -102,6 +104,14 @@ impl RawMesh {
         self.face_materials.extend(other.face_materials.iter().map(|m| names + m));
         self.material_names.extend(other.material_names);
         self.materials.extend(other.materials);
+    }
+
+    /// Moves all vertices; fronts stay fronts where it mirrors them.
+    pub fn place(&mut self, matrix: DMat4) {
+        self.vertices.iter_mut().for_each(|v| *v = matrix.transform_point3(*v));
+        if matrix.determinant() < 0.0 {
+            self.turn();
+        }
     }
 
     /// Turns all faces: fronts become backs.

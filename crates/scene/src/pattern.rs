@@ -60,6 +60,7 @@ impl Pattern {
     fn means(maps: &Maps, uvs: Option<[DVec2; 3]>, colours: [DVec3; 3]) -> [DVec3; 2] {
         let mean = |map: &Option<Map>| match (map, uvs) {
             (Some(map), Some(uvs)) => map.mean_over(uvs),
+            (Some(map), None) => map.texture.mean(),
             _ => DVec3::ONE,
         };
         let [a, b, c] = colours;

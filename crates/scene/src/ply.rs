@@ -5,7 +5,7 @@
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
@@ -23,6 +23,7 @@ const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
 struct Element {
     position: [Option<f64>; 3],
     colour: [Option<f64>; 3],
+    coordinates: [Option<f64>; 2],
     corners: Vec<i64>,
 }
 
@@ -35,9 +36,17 @@ impl Element {
             "red" | "r" | "diffuse_red" => self.colour[0] = Some(colour),
             "green" | "g" | "diffuse_green" => self.colour[1] = Some(colour),
             "blue" | "b" | "diffuse_blue" => self.colour[2] = Some(colour),
+            "u" | "s" | "texture_u" => self.coordinates[0] = Some(value),
+            "v" | "t" | "texture_v" => self.coordinates[1] = Some(value),
             _ => return PropertyAccessResult::Ignored,
         }
         PropertyAccessResult::Set
+    }
+
+    /// Texture coordinates, or NaN.
+    fn uv(&self) -> DVec2 {
+        let [u, v] = self.coordinates.map(|coordinate| coordinate.unwrap_or(f64::NAN));
+        DVec2::new(u, v)
     }
 
     fn albedo(&self) -> Option<DVec3> {
@@ -113,6 +122,7 @@ pub(super) fn read(
     };
     let positions: Vec<DVec3> = vertices.iter().enumerate().map(position).collect::<Result<_, _>>()?;
     let of_vertices: Option<Vec<DVec3>> = vertices.iter().map(Element::albedo).collect();
+    let mapped = vertices.iter().any(|vertex| vertex.uv().is_finite());
     let mut mesh = RawMesh::uniform(positions, Vec::new(), material);
     for (number, face) in faces.iter().enumerate() {
         let mut corners = Vec::with_capacity(face.corners.len());
@@ -136,6 +146,9 @@ pub(super) fn read(
             let triangle = triangle.map(|at| corners[at]);
             mesh.faces.push(triangle);
             mesh.face_materials.push(0);
+            if mapped {
+                mesh.uvs.push(triangle.map(|corner| vertices[corner as usize].uv()));
+            }
             match (face.albedo(), &of_vertices) {
                 (Some(albedo), _) => mesh.colours.push([albedo; 3]),
                 (None, Some(of)) => mesh.colours.push(triangle.map(|corner| of[corner as usize])),

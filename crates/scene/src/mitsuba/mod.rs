@@ -1,282 +1,241 @@
-//! Reads a subset of the scenes of Mitsuba 3 (`.xml`): shapes, diffuse and glossy BSDFs, area, constant and
-//! environment emitters, perspective sensors.
+//! Reads a subset of the scenes of Mitsuba (`.xml`): shapes and instances, diffuse and glossy BSDFs, bitmaps, emitters, perspective sensors.
 //!
 //! What cannot be represented is named in one warning; what stands in for it is said in docs/scenes.md.
 
 mod bsdf;
+mod document;
+mod element;
+mod emitters;
+mod shapes;
 mod spectrum;
 mod transform;
 mod values;
 
 use std::collections::{HashMap, HashSet};
-use std::f64::consts::PI;
 use std::path::Path;
 
 use glam::{DMat4, DVec3};
-use roxmltree::{Document, Node};
 
+use self::bsdf::Surface;
+use self::document::Source;
+use self::element::Element;
 use self::spectrum::Of;
-use self::values::Values;
-use super::error::{Place, SceneError};
-use super::geometry::{RawMaterial, RawMesh};
-use super::material::Material;
-use super::mesh_file::Contents;
-use super::{Camera, Shape, Sky, obj, ply};
-
-/// Most bytes of a file.
-const MOST_BYTES: u64 = 1 << 28;
-/// Squares along a side of rectangles and cubes, whose indirect light is one value for each triangle.
-const CELLS: u32 = 8;
-/// Subdivisions of an icosahedron that stands for a sphere: 1280 triangles.
-const SPHERE: u32 = 3;
-/// Subdivisions of an icosahedron that stands for a sphere that shines: few faces, so that its light can be
-/// exact.
-const LAMP: u32 = 0;
-/// Corners of a disk.
-const DISK: u32 = 32;
+use self::values::{Coloured, Values, note};
+use super::error::SceneError;
+use super::geometry::{Maps, RawMaterial, RawMesh};
+use super::mesh_file::{Contents, MOST_TRIANGLES};
+use super::{Camera, obj, ply};
 
 /// Reads a file. `warnings` takes what is left out or represented otherwise.
 pub(super) fn read(path: &Path, strict: bool, warnings: &mut Vec<String>) -> Result<Contents, SceneError> {
-    let bytes = antirad_base::input::read_at_most(path, MOST_BYTES)
-        .map_err(|reason| SceneError::Read { path: path.to_path_buf(), reason })?;
-    let text = String::from_utf8(bytes).map_err(|_| SceneError::File {
-        path: path.to_path_buf(),
-        message: String::from("is not in UTF-8"),
-    })?;
-    let document = Document::parse(&text).map_err(|error| {
-        let line = error.pos().row as usize;
-        Place { path, line }.error(format!("is no XML: {error}"))
-    })?;
-    let root = document.root_element();
-    let values = Values::new(path, root)?;
-    if !root.has_tag_name("scene") {
-        return Err(values.wrong(root, format!("expected <scene>, not <{}>", root.tag_name().name())));
-    }
-    let named = root.descendants().filter(|node| !node.has_tag_name("ref"));
-    let by_id = named.filter_map(|node| Some((node.attribute("id")?, node))).collect();
+    let source = Source::read(path)?;
     let mut reader = Reader {
         path,
         strict,
-        values,
-        by_id,
+        values: Values::new(&source),
         contents: Contents::default(),
-        materials: HashMap::new(),
+        surfaces: HashMap::new(),
+        parts: HashMap::new(),
         names: HashSet::new(),
+        triangles: 0,
         ignored: Vec::new(),
     };
-    for node in root.children().filter(Node::is_element) {
-        match node.tag_name().name() {
+    for node in &source.root.children {
+        match node.tag.as_str() {
             "shape" => reader.shape(node, warnings)?,
             "sensor" => reader.sensor(node)?,
             "emitter" => reader.emitter(node)?,
-            "bsdf" | "texture" | "default" | "integrator" | "path" => {}
-            name => reader.ignore(format!("<{name} type=\"{}\">", node.attribute("type").unwrap_or(""))),
+            "alias" | "bsdf" | "texture" | "default" | "integrator" => {}
+            tag => reader.ignore(format!("<{tag} type=\"{}\">", node.kind())),
         }
     }
+    source.root.unread().into_iter().for_each(|unread| reader.ignore(unread));
     if !reader.ignored.is_empty() {
         warnings.push(format!("{}: ignored or approximated: {}.", path.display(), reader.ignored.join(", ")));
     }
     Ok(reader.contents)
 }
 
-struct Reader<'a, 'i> {
+/// A BSDF, emission and its texture, which make a material.
+type Look = (Option<*const Element>, [u64; 3], Option<*const Element>);
+
+struct Reader<'a> {
     path: &'a Path,
     strict: bool,
     values: Values<'a>,
-    by_id: HashMap<&'a str, Node<'a, 'i>>,
     contents: Contents,
-    /// Material and whether it has two sides, by the node of the BSDF and the emission.
-    materials: HashMap<String, (Material, bool)>,
+    /// Surfaces with their emission and names.
+    surfaces: HashMap<Look, RawMaterial>,
+    /// Meshes of groups, before they are placed.
+    parts: HashMap<*const Element, RawMesh>,
     names: HashSet<String>,
+    triangles: usize,
     ignored: Vec<String>,
 }
 
-impl<'a, 'i> Reader<'a, 'i> {
+impl<'a> Reader<'a> {
     fn ignore(&mut self, what: String) {
-        if !self.ignored.contains(&what) {
-            self.ignored.push(what);
+        note(&mut self.ignored, what);
+    }
+
+    /// A shape, or the shapes of the group that an instance places. Groups stand where their instances do.
+    fn shape(&mut self, node: &'a Element, warnings: &mut Vec<String>) -> Result<(), SceneError> {
+        match node.kind() {
+            "shapegroup" => Ok(()),
+            "instance" => {
+                let outer = self.place(node)?;
+                let group = self.values.object(node, "shape").filter(|group| group.kind() == "shapegroup");
+                let group = group.ok_or_else(|| node.wrong("has no <shape type=\"shapegroup\">"))?;
+                for child in &group.children {
+                    let Some(part) = self.values.resolved(child).filter(|part| part.is("shape")) else {
+                        self.ignore(format!("<{}> of <shape type=\"shapegroup\">", child.tag));
+                        continue;
+                    };
+                    let name = node.attribute("id").or(part.attribute("id")).unwrap_or(part.kind());
+                    let mesh = match self.parts.remove(&std::ptr::from_ref(part)) {
+                        Some(known) => Some(known),
+                        None => self.mesh(part, warnings)?,
+                    };
+                    if let Some(mesh) = mesh {
+                        let placed = mesh.clone();
+                        self.parts.insert(part, mesh);
+                        self.add(name, placed, outer, part)?;
+                    }
+                }
+                Ok(())
+            }
+            kind => match self.mesh(node, warnings)? {
+                Some(mesh) => self.add(node.attribute("id").unwrap_or(kind), mesh, DMat4::IDENTITY, node),
+                None => Ok(()),
+            },
         }
     }
 
-    /// A child of a kind, in place or referred to.
-    fn child(&self, node: Node<'a, 'i>, kind: &str) -> Option<Node<'a, 'i>> {
-        let resolve = |child: Node<'a, 'i>| match child.has_tag_name("ref") {
-            true => child.attribute("id").and_then(|id| self.by_id.get(id)).copied(),
-            false => Some(child),
-        };
-        node.children().filter(Node::is_element).filter_map(resolve).find(|child| child.has_tag_name(kind))
+    /// Places a mesh by the matrix of an instance.
+    fn add(&mut self, name: &str, mut mesh: RawMesh, outer: DMat4, node: &Element) -> Result<(), SceneError> {
+        self.triangles += mesh.faces.len();
+        if self.triangles > MOST_TRIANGLES {
+            return Err(node.wrong(format!("more than {MOST_TRIANGLES} triangles in all instances")));
+        }
+        mesh.place(outer);
+        self.contents.meshes.push((name.to_owned(), mesh));
+        Ok(())
     }
 
-    fn shape(&mut self, node: Node<'a, 'i>, warnings: &mut Vec<String>) -> Result<(), SceneError> {
-        let kind = node.attribute("type").unwrap_or_default();
+    /// The mesh of a shape, with its material.
+    fn mesh(&mut self, node: &'a Element, warnings: &mut Vec<String>) -> Result<Option<RawMesh>, SceneError> {
         let place = self.place(node)?;
         let flipped = self.values.flag(node, "flip_normals")?;
-        let (material, two_sided) = self.material(node)?;
-        let shines = material.emission != [0.0; 3];
-        let uniform = |(vertices, faces): (Vec<DVec3>, Vec<[u32; 3]>)| RawMesh::uniform(vertices, faces, "");
-        let mut mesh = match kind {
+        let material = self.material(node)?;
+        let shines = material.material.emission != [0.0; 3];
+        let mut mesh = match node.kind() {
             "obj" | "ply" => self.file(node, warnings)?,
-            "rectangle" => {
-                // From the unit square at y = 0 that faces +y.
-                let (vertices, faces) = Shape::Quad { cells: CELLS }.mesh();
-                let turned = |v: DVec3| DVec3::new(2.0 * v.x - 1.0, 1.0 - 2.0 * v.z, 0.0);
-                uniform((vertices.into_iter().map(turned).collect(), faces))
-            }
-            "cube" => {
-                let (vertices, faces) = Shape::Box { cells: CELLS }.mesh();
-                uniform((vertices.into_iter().map(|v| 2.0 * v - 1.0).collect(), faces))
-            }
+            "rectangle" => shapes::rectangle(),
+            "cube" => shapes::cube(),
             "sphere" => {
-                // From inside, such as a dome, it is better round.
-                let level = if shines && !flipped { LAMP } else { SPHERE };
-                let (vertices, faces) = Shape::Icosphere { level, inward: false }.mesh();
-                let mut radius = self.values.number(node, "radius")?.unwrap_or(1.0);
-                if shines {
-                    // The same area, hence power.
-                    let double_area = |face: &[u32; 3]| {
-                        let [a, b, c] = face.map(|v| vertices[v as usize]);
-                        (b - a).cross(c - a).length()
-                    };
-                    radius *= (8.0 * PI / faces.iter().map(double_area).sum::<f64>()).sqrt();
-                }
+                let radius = self.values.number(node, "radius")?.unwrap_or(1.0);
                 let centre = self.values.point(node, "center")?.unwrap_or(DVec3::ZERO);
-                uniform((vertices.into_iter().map(|v| centre + radius * v).collect(), faces))
+                shapes::sphere(centre, radius, shines, flipped)
             }
-            "disk" => {
-                let corner = |k: u32| {
-                    let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / f64::from(DISK)).sin_cos();
-                    DVec3::new(cos, sin, 0.0)
-                };
-                let vertices = (0..DISK).map(corner).chain([DVec3::ZERO]).collect();
-                uniform((vertices, (0..DISK).map(|k| [k, (k + 1) % DISK, DISK]).collect()))
-            }
+            "disk" => shapes::disk(),
             other => {
+                node.pass_over();
                 self.ignore(format!("<shape type=\"{other}\">"));
-                return Ok(());
+                return Ok(None);
             }
         };
-        mesh.vertices.iter_mut().for_each(|v| *v = place.transform_point3(*v));
-        if (place.determinant() < 0.0) != flipped {
+        mesh.place(place);
+        if flipped {
             mesh.turn();
         }
-        let name = node.attribute("id").unwrap_or(kind).to_owned();
-        mesh.material_names = vec![material.name.clone()];
+        mesh.material_names = vec![material.material.name.clone()];
         mesh.face_materials = vec![0; mesh.faces.len()];
-        // Emission leaves the front alone, so that a lamp with two sides needs two materials.
-        let mut front = RawMaterial::of_file(material, self.path);
-        front.two_sided = two_sided && !shines;
-        mesh.materials = vec![front];
-        self.contents.meshes.push((name, mesh));
-        Ok(())
+        mesh.materials = vec![material];
+        Ok(Some(mesh))
     }
 
-    /// An emitter that is no shape.
-    fn emitter(&mut self, node: Node<'a, 'i>) -> Result<(), SceneError> {
-        let kind = node.attribute("type").unwrap_or_default();
-        let sky = match kind {
-            "constant" => {
-                let radiance = self.values.colour(node, "radiance", Of::Emission, &mut self.ignored)?;
-                let sky = Sky::uniform(radiance.unwrap_or([1.0; 3]));
-                sky.check().map(|()| sky).map_err(|message| self.values.wrong(node, message))?
-            }
-            "envmap" => {
-                let Some(name) = self.values.text(node, "filename")? else {
-                    return Err(self.values.wrong(node, "has no <string name=\"filename\">".to_owned()));
-                };
-                if self.place(node)? != DMat4::IDENTITY {
-                    self.ignore("the to_world of <emitter type=\"envmap\">".to_owned());
-                }
-                let scale = self.values.number(node, "scale")?.unwrap_or(1.0);
-                let file = self.values.beside(&name);
-                Sky::read(&file, [scale; 3])
-                    .map_err(|message| self.values.wrong(node, format!("{} {message}", file.display())))?
-            }
-            _ => {
-                self.ignore(format!("<emitter type=\"{kind}\">"));
-                return Ok(());
-            }
-        };
-        if self.contents.sky.replace(sky).is_some() {
-            self.ignore("all emitters from afar but the last".to_owned());
-        }
-        Ok(())
-    }
-
-    fn place(&self, node: Node<'a, 'i>) -> Result<DMat4, SceneError> {
-        let named =
-            |child: &Node| child.has_tag_name("transform") && child.attribute("name") == Some("to_world");
-        match node.children().find(named) {
-            Some(transform) => transform::read(transform, &self.values),
-            None => Ok(DMat4::IDENTITY),
-        }
+    fn place(&self, node: &'a Element) -> Result<DMat4, SceneError> {
+        Ok(self.values.transform(node, "to_world")?.unwrap_or(DMat4::IDENTITY))
     }
 
     /// The geometry of an OBJ or PLY.
-    fn file(&self, node: Node<'a, 'i>, warnings: &mut Vec<String>) -> Result<RawMesh, SceneError> {
+    fn file(&self, node: &'a Element, warnings: &mut Vec<String>) -> Result<RawMesh, SceneError> {
         let Some(name) = self.values.text(node, "filename")? else {
-            return Err(self.values.wrong(node, "has no <string name=\"filename\">".to_owned()));
+            return Err(node.wrong("has no <string name=\"filename\">"));
         };
-        let file = self.values.beside(&name);
+        let file = self.values.beside(name);
+        let is_obj = node.kind() == "obj";
         // Its own materials and colours do not count, and neither do notes about them.
         let mut unheard = Vec::new();
-        let read = match node.attribute("type") {
-            Some("obj") => obj::read(&file, self.strict, |_| true, &mut unheard),
-            _ => ply::read(&file, "", false, &mut unheard),
+        let read = match is_obj {
+            true => obj::read(&file, self.strict, |_| true, &mut unheard),
+            false => ply::read(&file, "", false, &mut unheard),
         };
         let mesh = match read {
             Ok(mesh) => mesh,
             Err(SceneError::Read { path, reason }) => {
-                return Err(self.values.wrong(node, format!("{} cannot be read: {reason}", path.display())));
+                return Err(node.wrong(format!("{} cannot be read: {reason}", path.display())));
             }
             Err(other) => return Err(other),
         };
         warnings.extend(unheard.into_iter().filter(|note| note.contains("statements unknown")));
-        let RawMesh { vertices, faces, face_lines, .. } = mesh;
-        Ok(RawMesh { face_lines, ..RawMesh::uniform(vertices, faces, "") })
+        let RawMesh { vertices, faces, face_lines, mut uvs, .. } = mesh;
+        let flips = self.values.text(node, "flip_tex_coords")?.map_or(is_obj, |text| text == "true");
+        if flips {
+            uvs.iter_mut().flatten().for_each(|uv| uv.y = 1.0 - uv.y);
+        }
+        Ok(RawMesh { face_lines, uvs, ..RawMesh::uniform(vertices, faces, "") })
     }
 
-    /// The material of a shape, and whether it has two sides.
-    fn material(&mut self, shape: Node<'a, 'i>) -> Result<(Material, bool), SceneError> {
-        let bsdf = self.child(shape, "bsdf");
-        let emission = match self.child(shape, "emitter") {
-            Some(emitter) if emitter.attribute("type") == Some("area") => {
-                self.values.colour(emitter, "radiance", Of::Emission, &mut self.ignored)?.unwrap_or([1.0; 3])
+    fn free_name(&mut self, base: &str) -> String {
+        let mut names = std::iter::once(base.to_owned()).chain((2..).map(|n| format!("{base}_{n}")));
+        names.find(|name| self.names.insert(name.clone())).unwrap_or_default()
+    }
+
+    /// The material of a shape.
+    fn material(&mut self, shape: &'a Element) -> Result<RawMaterial, SceneError> {
+        let bsdf = self.values.object(shape, "bsdf");
+        let emitter = self.values.object(shape, "emitter");
+        let emission = match emitter {
+            Some(emitter) if emitter.kind() == "area" => {
+                let radiance = self.values.coloured(emitter, "radiance", Of::Emission, &mut self.ignored)?;
+                radiance.unwrap_or(Coloured { factor: [1.0; 3], map: None })
             }
             Some(emitter) => {
-                self.ignore(format!("<emitter type=\"{}\">", emitter.attribute("type").unwrap_or("")));
-                [0.0; 3]
+                self.ignore(format!("<emitter type=\"{}\">", emitter.kind()));
+                Coloured::default()
             }
-            None => [0.0; 3],
+            None => Coloured::default(),
         };
-        let key = format!("{:?} {emission:?}", bsdf.map(|node| node.id()));
-        if let Some(known) = self.materials.get(&key) {
+        let textured = emitter.filter(|_| emission.map.is_some());
+        let bits = emission.factor.map(f64::to_bits);
+        let key = (bsdf.map(std::ptr::from_ref), bits, textured.map(std::ptr::from_ref));
+        if let Some(known) = self.surfaces.get(&key) {
             return Ok(known.clone());
         }
+        let shines = emission.factor != [0.0; 3];
         let given = bsdf.and_then(|node| node.attribute("id"));
-        let base = match (given, emission == [0.0; 3]) {
-            (Some(id), true) => id.to_owned(),
-            (Some(id), false) => format!("{id} lamp"),
-            (None, true) => shape.attribute("id").map_or(String::from("material"), str::to_owned),
-            (None, false) => shape.attribute("id").map_or(String::from("lamp"), str::to_owned),
+        let name = match (given, shines) {
+            (Some(id), false) => id.to_owned(),
+            (Some(id), true) => format!("{id} lamp"),
+            (None, _) => shape.attribute("id").unwrap_or(if shines { "lamp" } else { "material" }).to_owned(),
         };
-        let mut names = std::iter::once(base.clone()).chain((2..).map(|n| format!("{base}_{n}")));
-        let name = names.find(|name| self.names.insert(name.clone())).unwrap_or(base);
-        let (mut material, two_sided) = match bsdf {
-            Some(bsdf) => {
-                let by_id = &self.by_id;
-                bsdf::read(bsdf, by_id, &self.values, &mut self.ignored)?
-            }
-            // The default is grey.
-            None => (Material { albedo: [0.5; 3], ..Material::named("") }, false),
+        let Surface { mut material, two_sided, map } = match bsdf {
+            Some(bsdf) => bsdf::read(bsdf, &self.values, &mut self.ignored)?,
+            None => Surface::grey(),
         };
-        material.name = name;
-        material.emission = emission;
-        self.materials.insert(key, (material.clone(), two_sided));
-        Ok((material, two_sided))
+        material.name = self.free_name(&name);
+        material.emission = emission.factor;
+        let mut raw = RawMaterial::of_file(material, self.path);
+        // Emission leaves the front alone, so that a lamp with two sides needs two materials.
+        raw.two_sided = two_sided && !shines;
+        raw.maps = Maps { albedo: map, emission: emission.map };
+        self.surfaces.insert(key, raw.clone());
+        Ok(raw)
     }
 
-    fn sensor(&mut self, node: Node<'a, 'i>) -> Result<(), SceneError> {
-        let kind = node.attribute("type").unwrap_or_default();
+    fn sensor(&mut self, node: &'a Element) -> Result<(), SceneError> {
+        let kind = node.kind();
         if !matches!(kind, "perspective" | "thinlens") {
             self.ignore(format!("<sensor type=\"{kind}\">"));
             return Ok(());
@@ -285,15 +244,26 @@ impl<'a, 'i> Reader<'a, 'i> {
             self.ignore("the aperture of <sensor type=\"thinlens\">".to_owned());
         }
         let place = self.place(node)?;
-        let film = self.child(node, "film");
+        let film = self.values.object(node, "film");
         let pixels = |name: &str, usual: f64| -> Result<f64, SceneError> {
             Ok(film.map(|film| self.values.number(film, name)).transpose()?.flatten().unwrap_or(usual))
         };
         let (width, height) = (pixels("width", 768.0)?, pixels("height", 576.0)?);
-        let fov = self.values.number(node, "fov")?.unwrap_or(50.0);
-        let axis = self.values.text(node, "fov_axis")?.unwrap_or_else(|| "x".to_owned());
+        let axis = self.values.text(node, "fov_axis")?.unwrap_or("x");
+        let (fov, axis) = match self.values.number(node, "fov")? {
+            Some(fov) => (fov, axis),
+            None => {
+                let text = self.values.text(node, "focal_length")?.unwrap_or("50mm");
+                let length =
+                    text.trim().trim_end_matches("mm").trim().parse::<f64>().ok().filter(|mm| *mm > 0.0);
+                let length = length
+                    .ok_or_else(|| node.wrong(format!("the focal length `{text}` is no length in mm")))?;
+                // On a film of 36 mm by 24 mm.
+                (2.0 * (36f64.hypot(24.0) / (2.0 * length)).atan().to_degrees(), "diagonal")
+            }
+        };
         let half = (fov / 2.0).to_radians().tan();
-        let along_x = match axis.as_str() {
+        let along_x = match axis {
             "y" => half * width / height,
             "smaller" if height < width => half * width / height,
             "larger" if height > width => half * width / height,
