@@ -10,6 +10,7 @@ mod gltf_forms;
 mod meshes;
 mod mitsuba;
 mod mitsuba_files;
+mod mitsuba_lights;
 mod mitsuba_textures;
 #[path = "../support/obj.rs"]
 mod obj;

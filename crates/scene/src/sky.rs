@@ -7,7 +7,7 @@
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use image::ImageFormat;
 
 use super::texture::{decode_picture, linear_from_srgb, read_picture};
@@ -54,13 +54,18 @@ impl Sky {
     /// Fails if the picture cannot be read or decoded, or if its radiance is negative or not finite. The
     /// error says what is wrong, without the file.
     pub fn read(path: &Path, scale: [f64; 3]) -> Result<Self, String> {
+        Self::read_turned(path, scale, DMat3::IDENTITY)
+    }
+
+    /// Reads a picture as [`Self::read`] does, with its directions turned.
+    pub(super) fn read_turned(path: &Path, scale: [f64; 3], turn: DMat3) -> Result<Self, String> {
         let bytes = read_picture(path)?;
         let linear = matches!(image::guess_format(&bytes), Ok(ImageFormat::OpenExr | ImageFormat::Hdr));
         let picture = decode_picture(&bytes)?.into_rgb32f();
         let (width, height) = picture.dimensions();
         let light = |x: f32| if linear { f64::from(x) } else { linear_from_srgb(x.into()) };
         let texel = |column: u32, row: u32| DVec3::from(picture.get_pixel(column, row).0.map(light));
-        let sky = Self::of_texels([width, height], texel, DVec3::from(scale));
+        let sky = Self::of_texels([width, height], texel, DVec3::from(scale), turn);
         sky.check().map(|()| sky)
     }
 
@@ -74,7 +79,12 @@ impl Sky {
     }
 
     /// The mean over the directions of each square. Light adds up, so that the smallest sun is not lost.
-    fn of_texels([width, height]: [u32; 2], texel: impl Fn(u32, u32) -> DVec3, scale: DVec3) -> Self {
+    fn of_texels(
+        [width, height]: [u32; 2],
+        texel: impl Fn(u32, u32) -> DVec3,
+        scale: DVec3,
+        turn: DMat3,
+    ) -> Self {
         let mut sums = vec![(DVec3::ZERO, 0.0); 6 * SQUARES * SQUARES];
         let mut add = |direction: DVec3, light: DVec3, solid_angle: f64| {
             let (sum, all) = &mut sums[square_of(direction)];
@@ -91,9 +101,9 @@ impl Sky {
             let cosine = 0.5 * (above + below);
             let sine = (1.0 - cosine * cosine).sqrt();
             for column in 0..columns {
-                let turn = TAU * ((f64::from(column) + 0.5) / f64::from(columns) - 0.5);
-                let direction = DVec3::new(sine * turn.sin(), cosine, -sine * turn.cos());
-                add(direction, texel(column / across, row / down), solid_angle);
+                let angle = TAU * ((f64::from(column) + 0.5) / f64::from(columns) - 0.5);
+                let direction = DVec3::new(sine * angle.sin(), cosine, -sine * angle.cos());
+                add(turn * direction, texel(column / across, row / down), solid_angle);
             }
         }
         let mean = |(sum, all): (DVec3, f64)| (scale * sum / all).to_array();

@@ -24,6 +24,7 @@ use self::values::{Coloured, Values, note};
 use super::error::SceneError;
 use super::geometry::{Maps, RawMaterial, RawMesh};
 use super::mesh_file::{Contents, MOST_TRIANGLES};
+use super::point_lights::{self, PointLight};
 use super::{Camera, obj, ply};
 
 /// Reads a file. `warnings` takes what is left out or represented otherwise.
@@ -37,6 +38,7 @@ pub(super) fn read(path: &Path, strict: bool, warnings: &mut Vec<String>) -> Res
         surfaces: HashMap::new(),
         parts: HashMap::new(),
         names: HashSet::new(),
+        lights: Vec::new(),
         triangles: 0,
         ignored: Vec::new(),
     };
@@ -50,6 +52,7 @@ pub(super) fn read(path: &Path, strict: bool, warnings: &mut Vec<String>) -> Res
         }
     }
     source.root.unread().into_iter().for_each(|unread| reader.ignore(unread));
+    point_lights::add(&reader.lights, &mut reader.contents, path, warnings);
     if !reader.ignored.is_empty() {
         warnings.push(format!("{}: ignored or approximated: {}.", path.display(), reader.ignored.join(", ")));
     }
@@ -69,6 +72,7 @@ struct Reader<'a> {
     /// Meshes of groups, before they are placed.
     parts: HashMap<*const Element, RawMesh>,
     names: HashSet<String>,
+    lights: Vec<PointLight>,
     triangles: usize,
     ignored: Vec<String>,
 }
