@@ -129,3 +129,42 @@ fn textures_that_cannot_be_used_are_named() {
     let error = broken.load("m.obj", false).expect_err("too long").to_string();
     assert_says(&error, &["m.mtl:2", "b.png", "2147483648 bytes"]);
 }
+
+/// As programs on Windows write them: names with blanks, backslashes, CRLF, options before the file, and indices from the end.
+#[test]
+fn names_options_and_indices_as_they_come() {
+    let folder = folder("");
+    let path = folder.0.path();
+    std::fs::create_dir(path.join("maps")).expect("a folder");
+    std::fs::rename(path.join("a wood.png"), path.join("maps/Wood Tile.png")).expect("moved");
+    let obj = "mtllib my scene.mtl\r\no the floor\r\nv 0 0 0\r\nv 1 0 0\r\nv 1 1 0\r\nv 0 1 0\r\nvt 0 0\r\nvt 1 0\r\nvt 1 1\r\nvt 0 1\r\n\
+               usemtl floor mat \r\nf -4/-4 -3/-3 -1/-1\r\nf -3/-3 -2/-2 -1/-1\r\n";
+    let mtl = "newmtl floor mat\r\nKd .8 .8 .8\r\nmap_Kd -s 2 2 1 -o .25 0 0 -clamp on -bm 1 maps\\Wood Tile.png\r\n";
+    std::fs::write(path.join("n.obj"), obj).expect("written");
+    std::fs::write(path.join("my scene.mtl"), mtl).expect("written");
+    let scene = folder.load("n.obj", false).expect("a scene");
+    assert_eq!(
+        scene.warnings.iter().filter(|w| !w.contains("light") && !w.contains("camera")).count(),
+        0,
+        "{:?}",
+        scene.warnings
+    );
+    assert!(scene.material(0).name.starts_with("floor mat"), "{}", scene.material(0).name);
+    // Twice as often and moved by a quarter: a quarter of the square is white as before.
+    let sum: f64 = albedos(&scene).iter().sum();
+    assert!((sum / 2.0 - 0.2).abs() < 0.01, "{sum}");
+    assert!((albedos(&scene)[0] - albedos(&scene)[1]).abs() > 0.01);
+}
+
+/// As surveys have it: coordinates in which single precision has steps of half a metre.
+#[test]
+fn meshes_far_from_the_origin_keep_their_shape() {
+    let near = "v 0 0 0\nv 1.25 0 0\nv 0 1.5 0\nf 1 2 3\n";
+    let far =
+        "v 4500000.125 5400000.5 100\nv 4500001.375 5400000.5 100\nv 4500000.125 5400002 100\nf 1 2 3\n";
+    let load = |obj: &str| {
+        let folder = Folder::with(&[("m.obj", obj)]);
+        folder.load("m.obj", false).expect("a scene")
+    };
+    assert_eq!(load(far).area_vector(0), load(near).area_vector(0));
+}
