@@ -200,10 +200,9 @@ impl FitProgress {
         }
         let measured = rule.relative_decrease > 0.0;
         let is_small = |decrease: f64| measured && decrease < rule.relative_decrease * last.loss.abs();
-        let has_promise = is_small(PROMISED * self.optimiser.promise());
         if let [.., before, last] = &self.history[..]
             && is_small(before.loss - last.loss)
-            && has_promise
+            && is_small(PROMISED * self.optimiser.promise())
         {
             return Some(Stop::RelativeDecrease);
         }

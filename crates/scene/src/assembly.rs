@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::check::MAX_TRIANGLES;
 use super::error::{Place, SceneError, nearest};
 use super::file::LoadOptions;
+use super::free_name::free_name;
 use super::geometry::{Maps, RawMesh};
 use super::material::numbered;
 use super::orient::orient;
@@ -227,10 +228,8 @@ impl Assembly {
                 .zip(materials)
                 .map(|(face, material)| Triangle { vertices: face.map(|v| first_vertex + v), material }),
         );
-        let taken = |name: &String| scene.meshes.iter().any(|m| m.name == *name);
-        let numbered = (2..).map(|n| format!("{name}_{n}"));
-        let unique = std::iter::once(name.clone()).chain(numbered).find(|n| !taken(n)).unwrap_or(name);
-        scene.meshes.push(Mesh { name: unique, range: first as u32..end as u32 });
+        let name = free_name(&name, |name| scene.meshes.iter().all(|m| m.name != name));
+        scene.meshes.push(Mesh { name, range: first as u32..end as u32 });
         self.sides.push(sides);
         scene.origins.push(Origin { file: file.to_path_buf(), lines: mesh.face_lines });
         Ok(())

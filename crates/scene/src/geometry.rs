@@ -114,6 +114,15 @@ impl RawMesh {
         }
     }
 
+    /// Area of all faces.
+    pub fn area(&self) -> f64 {
+        let of_face = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|v| self.vertices[v as usize]);
+            (b - a).cross(c - a).length() / 2.0
+        };
+        self.faces.iter().map(of_face).sum()
+    }
+
     /// Turns all faces: fronts become backs.
     pub fn turn(&mut self) {
         self.faces.iter_mut().for_each(|corners| corners.swap(1, 2));

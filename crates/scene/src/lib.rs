@@ -14,6 +14,7 @@ mod check;
 mod energy;
 mod error;
 mod file;
+mod free_name;
 mod geometry;
 mod gltf_file;
 mod material;

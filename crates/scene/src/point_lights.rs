@@ -56,13 +56,10 @@ impl PointLight {
                 ((0..CORNERS).map(corner).collect(), faces.collect())
             }
         };
-        let vertices: Vec<DVec3> = vertices.into_iter().map(|v| self.position + radius * v).collect();
-        let at = |v: u32| vertices[v as usize];
-        let area: f64 =
-            faces.iter().map(|&[a, b, c]| (at(b) - at(a)).cross(at(c) - at(a)).length() / 2.0).sum();
-        let emission = self.power / (PI * area);
-        let material = Material { emission: emission.max(DVec3::ZERO).into(), ..Material::named(&self.name) };
+        let vertices = vertices.into_iter().map(|v| self.position + radius * v).collect();
         let mut mesh = RawMesh::uniform(vertices, faces, &self.name);
+        let emission = self.power / (PI * mesh.area());
+        let material = Material { emission: emission.max(DVec3::ZERO).into(), ..Material::named(&self.name) };
         mesh.materials.push(RawMaterial::of_file(material, path));
         (self.name.clone(), mesh)
     }

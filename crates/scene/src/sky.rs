@@ -10,6 +10,7 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use image::ImageFormat;
 
+use super::free_name::free_name;
 use super::texture::{decode_picture, linear_from_srgb, read_picture};
 use super::{Material, Mesh, Origin, Scene, Triangle, bounds};
 
@@ -166,10 +167,8 @@ impl Scene {
                 [at(row, column), at(row, column + 1), at(row + 1, column + 1), at(row + 1, column)];
             self.triangles.extend([[a, b, c], [a, c, d]].map(|vertices| Triangle { vertices, material }));
         }
-        let taken = |name: &str| self.meshes.iter().any(|mesh| mesh.name == name);
-        let numbered = (2u32..).map(|n| format!("sky_{n}"));
-        let name = std::iter::once("sky".to_owned()).chain(numbered).find(|name| !taken(name));
-        self.meshes.push(Mesh { name: name.unwrap_or_default(), range: first..self.triangles.len() as u32 });
+        let name = free_name("sky", |name| self.meshes.iter().all(|mesh| mesh.name != name));
+        self.meshes.push(Mesh { name, range: first..self.triangles.len() as u32 });
         if !self.origins.is_empty() {
             self.origins.push(Origin::default());
         }
@@ -177,8 +176,6 @@ impl Scene {
     }
 
     fn free_material_name(&self, name: &str) -> String {
-        let taken = |name: &String| self.materials.iter().any(|m| m.name == *name);
-        let numbered = (2u64..).map(|n| format!("{name}_{n}"));
-        std::iter::once(name.to_owned()).chain(numbered).find(|name| !taken(name)).unwrap_or_default()
+        free_name(name, |name| self.materials.iter().all(|m| m.name != name))
     }
 }

@@ -20,7 +20,7 @@ mod trapezoids;
 mod visible;
 
 pub use cone::vector_irradiance;
-pub use lamps::{Lamp, lamps};
+pub use lamps::{FEW as FEW_LAMPS, Lamp, lamps};
 pub use polygon::Polygon;
 pub use sampling::mixed;
 

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 const LEAST: usize = 12;
 /// Largest extent of a silhouette across its plane that may be left out of account, as a share f of its diameter: .14 of a ball of 320
 /// triangles, .37 of a box. What stands within 2 f² of the radius before a limb may count as behind it.
-pub const FLAT: f64 = 0.35;
+const FLAT: f64 = 0.35;
 /// Directions from which silhouettes are tried, in each of two dimensions.
 const TRIED: u32 = 6;
 
@@ -29,20 +29,19 @@ pub struct Solid {
 }
 
 impl Solid {
-    /// The convex closed surfaces among triangles that emit alike: groups of these, with their surfaces. `flat`: largest extent of their
-    /// silhouettes across a plane, as a share of the diameter.
+    /// The convex closed surfaces among triangles that emit alike: groups of these, with their surfaces.
     pub fn among(
         facets: &[Facet],
         emitters: &[u32],
-        (tolerance, flat): (f64, f64),
+        tolerance: f64,
         alike: impl Fn(u32, u32) -> bool,
     ) -> Vec<Self> {
         let groups = connected(facets, emitters, 0.0, alike);
-        groups.into_iter().filter_map(|group| Self::new(facets, group, (tolerance, flat))).collect()
+        groups.into_iter().filter_map(|group| Self::new(facets, group, tolerance)).collect()
     }
 
-    /// A surface, if it is closed and convex, and its silhouettes nearly plane.
-    fn new(facets: &[Facet], triangles: Vec<u32>, (tolerance, flat): (f64, f64)) -> Option<Self> {
+    /// A surface, if it is closed and convex.
+    fn new(facets: &[Facet], triangles: Vec<u32>, tolerance: f64) -> Option<Self> {
         if triangles.len() < LEAST {
             return None;
         }
@@ -71,8 +70,7 @@ impl Solid {
             let [a, b] = [place(*a), place(*b)];
             other.iter().filter(|c| **c != a && **c != b).all(|c| (*c - a).dot(plane.normal) <= tolerance)
         };
-        (open.is_empty() && sphere && solid.edges.iter().all(convex) && solid.is_flat(facets, flat))
-            .then_some(solid)
+        (open.is_empty() && sphere && solid.edges.iter().all(convex)).then_some(solid)
     }
 
     fn place(&self, facets: &[Facet], vertex: u32) -> DVec3 {
@@ -81,7 +79,7 @@ impl Solid {
     }
 
     /// Whether silhouettes are nearly plane, seen from far away all around.
-    fn is_flat(&self, facets: &[Facet], flat: f64) -> bool {
+    pub fn is_flat(&self, facets: &[Facet]) -> bool {
         let all: Vec<DVec3> = (0..self.vertices.len() as u32).map(|v| self.place(facets, v)).collect();
         let centre = mean(&all);
         let far = 100.0 * all.iter().map(|v| v.distance(centre)).fold(0.0, f64::max);
@@ -95,7 +93,7 @@ impl Solid {
             let to_plane = orthonormal_basis(normal(&corners)).transpose();
             let (low, high) = bounds(corners.iter().map(|c| to_plane * *c));
             let size = high - low;
-            size.z <= flat * size.x.max(size.y)
+            size.z <= FLAT * size.x.max(size.y)
         };
         (0..TRIED * TRIED).all(|k| plane([k / TRIED, k % TRIED]))
     }

@@ -39,8 +39,9 @@ pub struct ClusterChoice {
     pub(super) backs: f64,
     /// What each cluster may change, relative to the mean irradiance.
     pub(super) error: f64,
-    /// Whether derivatives were planned, and whether some by geometry, which depend on how steep bins are.
+    /// Whether derivatives were planned.
     pub(super) derivatives: bool,
+    /// Whether some of them are by geometry, and depend on how steep bins are.
     pub(super) slopes: bool,
     pub(super) settings: SolveSettings,
     pub(super) cull: bool,

@@ -2,13 +2,11 @@
 //! visibility.
 
 use super::{GradientRequest, Placement, Plan, PlanError};
-use crate::direct::{DirectLight, Lamp, Visibility, lamps};
+use crate::direct::{DirectLight, FEW_LAMPS, Lamp, Visibility, lamps};
 use crate::model::{Bins, Facet, coplanar_tolerance};
 use antirad_scene::{Lamps, Scene, SolveSettings, Transport};
 use std::sync::Arc;
 
-/// Lamps up to which direct light is exact unless stated.
-const MOST: usize = 128;
 /// Blockers and edges looked at up to which it is, per pair of triangles and in addition: up to three times as long as a solve on a
 /// CPU, and a second.
 const TESTS_PER_PAIR: f64 = 16.0;
@@ -56,7 +54,8 @@ pub(super) fn choose(
     let emitters = lamps.len();
     let affordable = |others: usize| {
         let pairs = facets.len() as f64 * others as f64;
-        emitters <= MOST && DirectLight::takes_at_most(facets, &lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
+        emitters <= FEW_LAMPS
+            && DirectLight::takes_at_most(facets, &lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
     };
     let clustered = matches!(settings.transport, Transport::Hierarchical { error } if error >= COARSE);
     let all = facets.len();

@@ -90,7 +90,7 @@ impl LeastSquares {
         let mut state = match &self.state {
             Some(state) => state.clone(),
             None => {
-                let point = match self.first.take() {
+                let point = match self.first.clone() {
                     Some(point) => point,
                     None => {
                         evaluations += 1;

@@ -152,6 +152,12 @@ impl Point {
         let mut watched = |x: &[f64]| objective(x).inspect(|(v, _)| value = *v);
         Self::evaluate(x.to_vec(), &mut watched)?.ok_or(StepError::Start { value })
     }
+
+    /// The report of a start.
+    fn as_start(&self, bounds: &Bounds) -> Step {
+        let gradient = bounds.projected_gradient(&self.x, &self.gradient);
+        Step { value: self.value, gradient, length: 0.0, evaluations: 1, progress: true }
+    }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -160,14 +166,6 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-}
-
-impl Point {
-    /// The report of a start.
-    fn as_start(&self, bounds: &Bounds) -> Step {
-        let gradient = bounds.projected_gradient(&self.x, &self.gradient);
-        Step { value: self.value, gradient, length: 0.0, evaluations: 1, progress: true }
-    }
 }
 
 /// One of the optimisers.

@@ -47,8 +47,6 @@ pub struct QuasiNewton {
     memory: Memory,
     /// Whether the model is to start anew from a Hessian.
     stale: bool,
-    /// By how much the minimum of the model is below the current value.
-    promise: f64,
 }
 
 impl QuasiNewton {
@@ -56,7 +54,7 @@ impl QuasiNewton {
     pub fn new(mut x: Vec<f64>, bounds: Bounds, options: QuasiNewtonOptions) -> Self {
         bounds.project(&mut x);
         let memory = Memory::new(x.len());
-        Self { options, bounds, start: x, point: None, memory, stale: true, promise: f64::INFINITY }
+        Self { options, bounds, start: x, point: None, memory, stale: true }
     }
 
     /// The current unknowns.
@@ -66,7 +64,13 @@ impl QuasiNewton {
 
     /// By how much the minimum of the model is below the current value; infinite where nothing is known of the curvature.
     pub fn promise(&self) -> f64 {
-        self.promise
+        let known = self.point.as_ref().filter(|_| !self.stale).zip(self.memory.compact());
+        let Some((here, hessian)) = known else { return f64::INFINITY };
+        // Half the slope towards the minimum.
+        let goal = model_minimum(here, &self.bounds, &hessian);
+        let slope: f64 =
+            goal.iter().zip(&here.x).zip(&here.gradient).map(|((goal, x), g)| g * (goal - x)).sum();
+        -0.5 * slope
     }
 
     pub(super) fn vectors(&self) -> usize {
@@ -144,7 +148,6 @@ impl QuasiNewton {
                     evaluations,
                     progress: true,
                 };
-                self.promise = if self.stale { f64::INFINITY } else { self.promised(&next, &memory) };
                 (self.point, self.memory) = (Some(next), memory);
                 return Ok(step);
             }
@@ -157,15 +160,6 @@ impl QuasiNewton {
         let value = here.value;
         (self.point, self.memory) = (Some(here), memory);
         Ok(Step { value, gradient, length: 0.0, evaluations, progress: false })
-    }
-
-    /// Half the slope towards the minimum of the model.
-    fn promised(&self, here: &Point, memory: &Memory) -> f64 {
-        let Some(hessian) = memory.compact() else { return f64::INFINITY };
-        let goal = model_minimum(here, &self.bounds, &hessian);
-        let slope: f64 =
-            goal.iter().zip(&here.x).zip(&here.gradient).map(|((goal, x), g)| g * (goal - x)).sum();
-        -0.5 * slope
     }
 
     fn search<E>(

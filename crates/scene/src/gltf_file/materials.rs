@@ -24,6 +24,7 @@ use glam::{DAffine2, DVec2, DVec3};
 use serde::Deserialize;
 
 use super::buffers::{self, Buffers};
+use crate::free_name::free_name;
 use crate::geometry::RawMaterial;
 use crate::material::{Material, Normalization};
 use crate::texture::{Encoding, Map, Texture};
@@ -182,9 +183,7 @@ impl<'a> Materials<'a> {
         let index = from.index().unwrap_or(usize::MAX);
         let given = from.name().map(str::trim).filter(|name| !name.is_empty());
         let name = given.map_or(format!("material {index}"), str::to_owned);
-        let mut names = std::iter::once(name.clone()).chain((2..).map(|n| format!("{name}_{n}")));
-        let free = |name: &String| self.names.get(name).is_none_or(|&known| known == index);
-        let name = names.find(free).unwrap_or(name);
+        let name = free_name(&name, |name| self.names.get(name).is_none_or(|&known| known == index));
         self.names.insert(name.clone(), index);
         name
     }

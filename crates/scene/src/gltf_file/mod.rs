@@ -23,6 +23,7 @@ use self::buffers::Buffers;
 use self::materials::Materials;
 use super::Camera;
 use super::error::SceneError;
+use super::free_name::free_name;
 use super::geometry::RawMesh;
 use super::mesh_file::{Contents, MOST_TRIANGLES};
 use super::point_lights::{self, PointLight};
@@ -209,10 +210,9 @@ impl Reader<'_> {
         let (width, height) = own.unwrap_or(((f64::from(HEIGHT) * aspect).round() as u32, HEIGHT));
         let position = place.transform_point3(DVec3::ZERO);
         let ahead = place.transform_vector3(DVec3::NEG_Z);
-        let taken = |name: &str| self.contents.cameras.iter().any(|c| c.name == *name);
-        let mut names = std::iter::once(name.clone()).chain((2..).map(|n| format!("{name}_{n}")));
+        let name = free_name(&name, |name| self.contents.cameras.iter().all(|c| c.name != name));
         self.contents.cameras.push(Camera {
-            name: names.find(|name| !taken(name)).unwrap_or(name),
+            name,
             position,
             target: position + ahead,
             up: place.transform_vector3(DVec3::Y),
@@ -229,20 +229,17 @@ impl Reader<'_> {
         }
         let mut known = HashMap::new();
         for primitive in mesh.primitives() {
-            self.primitive(&primitive, place, &mut raw, &mut known).map_err(|message| {
+            self.primitive(&primitive, &mut raw, &mut known).map_err(|message| {
                 format!("mesh {}, primitive {}: {message}", mesh.index(), primitive.index())
             })?;
         }
-        if place.determinant() < 0.0 {
-            raw.turn();
-        }
+        raw.place(place);
         Ok(raw)
     }
 
     fn primitive(
         &mut self,
         primitive: &gltf::Primitive,
-        place: DMat4,
         raw: &mut RawMesh,
         known: &mut HashMap<Option<usize>, u32>,
     ) -> Result<(), String> {
@@ -280,7 +277,7 @@ impl Reader<'_> {
             }
         };
         let first = raw.vertices.len() as u32;
-        raw.vertices.extend(positions.iter().map(|&p| place.transform_point3(DVec3::from(p))));
+        raw.vertices.extend(positions.into_iter().map(DVec3::from));
         let set = materials::texture_set(&primitive.material());
         let uvs = match set.map(|set| primitive.get(&Semantic::TexCoords(set))) {
             Some(Some(uvs)) => Some(self.accessors.rows::<2>(&uvs)?),

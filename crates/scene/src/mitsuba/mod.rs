@@ -22,6 +22,7 @@ use self::element::Element;
 use self::spectrum::Of;
 use self::values::{Coloured, Values, note};
 use super::error::SceneError;
+use super::free_name::free_name;
 use super::geometry::{Maps, RawMaterial, RawMesh};
 use super::mesh_file::{Contents, MOST_TRIANGLES};
 use super::point_lights::{self, PointLight};
@@ -192,8 +193,7 @@ impl<'a> Reader<'a> {
     }
 
     fn free_name(&mut self, base: &str) -> String {
-        let mut names = std::iter::once(base.to_owned()).chain((2..).map(|n| format!("{base}_{n}")));
-        names.find(|name| self.names.insert(name.clone())).unwrap_or_default()
+        free_name(base, |name| self.names.insert(name.to_owned()))
     }
 
     /// The material of a shape.
@@ -275,10 +275,8 @@ impl<'a> Reader<'a> {
             _ => half,
         };
         let position = place.transform_point3(DVec3::ZERO);
-        let base = node.attribute("id").unwrap_or("sensor").to_owned();
-        let taken = |name: &str| self.contents.cameras.iter().any(|c| c.name == *name);
-        let mut names = std::iter::once(base.clone()).chain((2..).map(|n| format!("{base}_{n}")));
-        let name = names.find(|name| !taken(name)).unwrap_or(base);
+        let base = node.attribute("id").unwrap_or("sensor");
+        let name = free_name(base, |name| self.contents.cameras.iter().all(|c| c.name != name));
         self.contents.cameras.push(Camera {
             name,
             position,

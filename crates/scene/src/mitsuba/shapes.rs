@@ -69,18 +69,10 @@ pub(super) fn sphere(centre: DVec3, radius: f64, shines: bool, flipped: bool) ->
     });
     let mut scale = radius;
     if shines {
-        scale *= (4.0 * PI / area(&sphere)).sqrt();
+        scale *= (4.0 * PI / sphere.area()).sqrt();
     }
     sphere.vertices.iter_mut().for_each(|v| *v = centre + scale * *v);
     sphere
-}
-
-fn area(mesh: &RawMesh) -> f64 {
-    let of_face = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|v| mesh.vertices[v as usize]);
-        (b - a).cross(c - a).length() / 2.0
-    };
-    mesh.faces.iter().map(of_face).sum()
 }
 
 /// The disk of radius 1 at z = 0 that faces +z.
