@@ -1,25 +1,23 @@
 //! Ray casting against triangles with a bounding volume hierarchy.
+//!
+//! The hierarchy is a compressed wide one (Ylitie, Karras and Laine, HPG 2017) of the crate `obvhs`, in f32; triangles are intersected in
+//! f64.
 
 use super::{Scene, bounds};
 use glam::DVec3;
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::builder::build_cwbvh;
+use obvhs::ray::{Ray, RayHit};
+use std::time::Duration;
 
-/// Triangles in a leaf.
-const LEAF: usize = 4;
-/// Levels of the hierarchy, at most: each halves up to 2³² triangles.
-const LEVELS: usize = 33;
 /// Hits closer than this share of the scene's diagonal to either end of a ray count as its ends.
 const EPSILON: f64 = 1e-9;
-
-struct Node {
-    low: DVec3,
-    high: DVec3,
-    /// Start of a leaf's range of `order`. In inner nodes, the second child; the first is the next node.
-    first: u32,
-    /// Triangles of a leaf; 0 in inner nodes.
-    count: u32,
-    /// The axis along which the second child lies behind the first.
-    axis: usize,
-}
+/// What boxes are grown by, and distances, in units of half the diagonal: far above the rounding of f32.
+const ROUNDING: f64 = 2e-6;
+/// Rays begin so close to the middle of the scene at most, in the same units.
+const AROUND: f64 = 2.0;
 
 /// The intersection of a ray with a triangle.
 struct Hit {
@@ -30,9 +28,14 @@ struct Hit {
 
 /// A bounding volume hierarchy of the triangles of a scene, except those without area.
 pub struct Rays {
-    nodes: Vec<Node>,
+    /// In a frame in which the scene is within the unit ball.
+    bvh: CwBvh,
+    /// The triangles in the order of the hierarchy, and their corners.
     order: Vec<u32>,
     corners: Vec<[DVec3; 3]>,
+    /// The middle of the scene, and one over half its diagonal, 1/m.
+    centre: DVec3,
+    scale: f64,
     /// [`EPSILON`] of the scene, m.
     epsilon: f64,
 }
@@ -46,35 +49,58 @@ impl Rays {
 
     /// Builds the hierarchy of those triangles that are `solid`.
     pub fn among(corners: Vec<[DVec3; 3]>, solid: impl Fn(&u32) -> bool) -> Self {
-        let mut order: Vec<u32> = (0..corners.len() as u32).filter(solid).collect();
-        let mut nodes = Vec::new();
-        if !order.is_empty() {
-            build(&corners, &mut order, 0, &mut nodes);
-        }
-        let size = nodes.first().map_or(1.0, |root: &Node| (root.high - root.low).length());
-        Self { nodes, order, corners, epsilon: EPSILON * size }
+        let solid: Vec<u32> = (0..corners.len() as u32).filter(solid).collect();
+        let (low, high) = bounds(solid.iter().flat_map(|&i| corners[i as usize]));
+        let size = if solid.is_empty() { 1.0 } else { (high - low).length().max(f64::MIN_POSITIVE) };
+        let (centre, scale) = (0.5 * (low + high), 2.0 / size);
+        let boxes: Vec<Aabb> = solid
+            .iter()
+            .map(|&i| {
+                let (low, high) = bounds(corners[i as usize].map(|x| (x - centre) * scale));
+                Aabb::new((low - ROUNDING).as_vec3a(), (high + ROUNDING).as_vec3a())
+            })
+            .collect();
+        let bvh = match boxes.is_empty() {
+            true => CwBvh::default(),
+            false => build_cwbvh(&boxes, BvhBuildParams::fast_build(), &mut Duration::default()),
+        };
+        let order: Vec<u32> = bvh.primitive_indices.iter().map(|&k| solid[k as usize]).collect();
+        let corners = order.iter().map(|&i| corners[i as usize]).collect();
+        Self { bvh, order, corners, centre, scale, epsilon: EPSILON * size }
     }
 
     /// The nearest triangle along a unit direction and its distance, m; never `from`, where the ray starts. Of the two sides of a sheet it
     /// is the one that faces the ray.
     pub fn nearest(&self, origin: DVec3, direction: DVec3, from: Option<usize>) -> Option<(usize, f64)> {
         let mut best: Option<(usize, Hit)> = None;
-        self.visit(origin, direction, f64::INFINITY, |triangle, limit| {
-            let Some(hit) = self.hit(triangle, origin, direction).filter(|_| Some(triangle) != from) else {
-                return limit;
-            };
+        self.visit(origin, direction, f64::INFINITY, |triangle, hit| {
+            if Some(triangle) == from {
+                return None;
+            }
             let nearer = best.as_ref().is_none_or(|(_, best)| {
                 let coincide = (hit.distance - best.distance).abs() <= self.epsilon;
                 if coincide { hit.front && !best.front } else { hit.distance < best.distance }
             });
-            if !nearer {
-                return limit;
-            }
-            let limit = hit.distance + self.epsilon;
-            best = Some((triangle, hit));
-            limit
+            nearer.then(|| {
+                let limit = hit.distance + self.epsilon;
+                best = Some((triangle, hit));
+                limit
+            })
         });
         best.map(|(triangle, hit)| (triangle, hit.distance))
+    }
+
+    /// All fronts along a unit direction, from near to far, with their distances, m; without `from`, where the ray starts.
+    pub fn fronts(&self, origin: DVec3, direction: DVec3, from: usize) -> Vec<(usize, f64)> {
+        let mut fronts = Vec::new();
+        self.visit(origin, direction, f64::INFINITY, |triangle, hit| {
+            if hit.front && triangle != from {
+                fronts.push((triangle, hit.distance));
+            }
+            None
+        });
+        fronts.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        fronts
     }
 
     /// Whether any triangle lies between two points, front or back, that is not an exception.
@@ -82,57 +108,38 @@ impl Rays {
         let length = from.distance(to);
         let direction = (to - from) / length;
         let mut found = false;
-        self.visit(from, direction, length, |triangle, limit| {
-            let hit = self.hit(triangle, from, direction).filter(|_| !exception(triangle));
-            if hit.is_some_and(|hit| hit.distance < length - self.epsilon) {
-                found = true;
-                // No other hit matters.
-                return f64::NEG_INFINITY;
-            }
-            limit
+        self.visit(from, direction, length, |triangle, hit| {
+            found = found || hit.distance < length - self.epsilon && !exception(triangle);
+            // No other hit matters.
+            found.then_some(f64::NEG_INFINITY)
         });
         found
     }
 
-    /// Calls `call` with every triangle of the leaves that the ray meets within the limit that the last call returned, roughly
-    /// from near to far.
+    /// Calls `call` with triangles that the ray meets, all of those within a limit, roughly from near to far. The limit, m, is the
+    /// last that a call returned.
     fn visit(
         &self,
         origin: DVec3,
         direction: DVec3,
-        mut limit: f64,
-        mut call: impl FnMut(usize, f64) -> f64,
+        limit: f64,
+        mut call: impl FnMut(usize, Hit) -> Option<f64>,
     ) {
-        let inverse = direction.recip();
-        // At each level at most one child waits for its sibling.
-        let mut stack = [0u32; LEVELS + 1];
-        let mut waiting = usize::from(!self.nodes.is_empty());
-        while waiting > 0 {
-            waiting -= 1;
-            let index = stack[waiting];
-            let node = &self.nodes[index as usize];
-            let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
-            let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
-            if !(near <= far && far >= 0.0 && near <= limit) {
-                continue;
-            }
-            if node.count == 0 {
-                let children = [index + 1, node.first];
-                let [near, far] = if direction[node.axis] < 0.0 { [1, 0] } else { [0, 1] };
-                stack[waiting] = children[far];
-                stack[waiting + 1] = children[near];
-                waiting += 2;
-                continue;
-            }
-            for &triangle in &self.order[node.first as usize..(node.first + node.count) as usize] {
-                limit = call(triangle as usize, limit);
-            }
-        }
+        // From far away a ray begins close by, where f32 is accurate.
+        let (from, length) = ((origin - self.centre) * self.scale, direction.length());
+        let skipped = (-from.dot(direction) / (length * length) - AROUND / length).max(0.0);
+        let shortened = |limit: f64| (((limit * self.scale) - skipped) * (1.0 + ROUNDING) + ROUNDING) as f32;
+        let begin = (from + skipped * direction).as_vec3a();
+        let ray = Ray::new(begin, direction.as_vec3a(), 0.0, shortened(limit));
+        self.bvh.ray_traverse(ray, &mut RayHit::none(), |_, k| {
+            let hit = self.hit(k, origin, direction);
+            hit.and_then(|hit| call(self.order[k] as usize, hit)).map_or(f32::INFINITY, shortened)
+        });
     }
 
-    /// The intersection of a ray with a triangle, if there is one (Möller and Trumbore 1997).
-    fn hit(&self, triangle: usize, origin: DVec3, direction: DVec3) -> Option<Hit> {
-        let [a, b, c] = self.corners[triangle];
+    /// The intersection of a ray with a triangle by its place in the hierarchy, if there is one (Möller and Trumbore 1997).
+    fn hit(&self, at: usize, origin: DVec3, direction: DVec3) -> Option<Hit> {
+        let [a, b, c] = self.corners[at];
         let (ab, ac) = (b - a, c - a);
         let p = direction.cross(ac);
         let determinant = ab.dot(p);
@@ -147,30 +154,4 @@ impl Rays {
         (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > self.epsilon)
             .then_some(Hit { distance, front: determinant > 0.0 })
     }
-}
-
-/// Builds the hierarchy by median splits of the centroids along the longest side of their bounds.
-fn build(corners: &[[DVec3; 3]], order: &mut [u32], first: usize, nodes: &mut Vec<Node>) {
-    let points = order.iter().flat_map(|&i| corners[i as usize]);
-    let (low, high) = bounds(points);
-    // Flat boxes need some thickness for rays.
-    let grown = 1e-12 * (high - low).length().max(f64::MIN_POSITIVE);
-    let index = nodes.len();
-    let leaf = order.len() <= LEAF;
-    let count = if leaf { order.len() as u32 } else { 0 };
-    nodes.push(Node { low: low - grown, high: high + grown, first: first as u32, count, axis: 0 });
-    if leaf {
-        return;
-    }
-    let centroid = |i: u32| corners[i as usize].iter().sum::<DVec3>() / 3.0;
-    let (low, high) = bounds(order.iter().map(|&i| centroid(i)));
-    let sides = high - low;
-    let axis = (0..3).max_by(|&a, &b| sides[a].total_cmp(&sides[b])).unwrap_or(0);
-    let half = order.len() / 2;
-    order.select_nth_unstable_by(half, |&a, &b| centroid(a)[axis].total_cmp(&centroid(b)[axis]));
-    let (left, right) = order.split_at_mut(half);
-    build(corners, left, first, nodes);
-    nodes[index].first = nodes.len() as u32;
-    nodes[index].axis = axis;
-    build(corners, right, first + half, nodes);
 }
