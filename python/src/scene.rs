@@ -459,6 +459,7 @@ impl Scene {
         dict.set_item("precision", settings.precision.to_string())?;
         dict.set_item("backend", settings.backend.to_string())?;
         dict.set_item("lamps", format!("{:?}", settings.lamps).to_lowercase())?;
+        dict.set_item("visibility", format!("{:?}", settings.visibility).to_lowercase())?;
         Ok(dict)
     }
 
@@ -473,12 +474,14 @@ impl Scene {
     ///     precision: "f32" or "f64".
     ///     lamps: How direct light is computed: "exact", "sampled" (by rays, without derivatives by positions),
     ///         "antiradiance", or "auto" by what it costs.
+    ///     visibility: "implicit" (by antiradiance), "explicit" (by rays, without derivatives by positions), or "auto":
+    ///         explicit where blockers are dense.
     ///
     /// Raises:
     ///     ValueError: A word is unknown.
     ///     SceneError: A number is out of range.
     #[pyo3(signature = (*, bins=None, near_field=None, tolerance=None, max_passes=None, solver=None,
-        precision=None, lamps=None))]
+        precision=None, lamps=None, visibility=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn with_settings(
         &self,
@@ -489,6 +492,7 @@ impl Scene {
         solver: Option<&str>,
         precision: Option<&str>,
         lamps: Option<&str>,
+        visibility: Option<&str>,
     ) -> PyResult<Self> {
         let mut scene = (*self.inner).clone();
         let settings = &mut scene.settings;
@@ -506,6 +510,9 @@ impl Scene {
         }
         if let Some(lamps) = lamps {
             settings.lamps = word("lamps", lamps)?;
+        }
+        if let Some(visibility) = visibility {
+            settings.visibility = word("visibility", visibility)?;
         }
         settings.check().or_raise()?;
         if let Choice::Open { bins: open_bins, near_field: open_near } = scene.choice {

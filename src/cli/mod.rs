@@ -9,7 +9,7 @@ mod progress;
 mod sheet;
 mod size;
 mod values;
-pub use values::{LAMPS, ORIENTATIONS, PRECISIONS, REFLECTIONS, SHADINGS, SOLVERS, word};
+pub use values::{LAMPS, ORIENTATIONS, PRECISIONS, REFLECTIONS, SHADINGS, SOLVERS, VISIBILITIES, word};
 
 pub use backend::BackendArguments;
 pub use draw_fit::draw_fit;

@@ -11,6 +11,8 @@ pub const PRECISIONS: [&str; 2] = ["f32", "f64"];
 pub const SOLVERS: [&str; 3] = ["auto", "fixed-point", "gmres"];
 /// The words of ways to the light of lamps.
 pub const LAMPS: [&str; 4] = ["auto", "exact", "sampled", "antiradiance"];
+/// The words of ways to visibility.
+pub const VISIBILITIES: [&str; 3] = ["auto", "implicit", "explicit"];
 /// The words of ways to turn faces.
 pub const ORIENTATIONS: [&str; 2] = ["auto", "keep"];
 /// The words of shadings.
@@ -31,7 +33,7 @@ where
 mod tests {
     use super::*;
     use antirad_render::shading::{Reflections, Shading};
-    use antirad_scene::{Lamps, Orient, Precision, SolverChoice};
+    use antirad_scene::{Lamps, Orient, Precision, SolverChoice, VisibilityChoice};
 
     /// Every word names another value.
     fn read<T: for<'a> Deserialize<'a> + PartialEq + std::fmt::Debug>(words: &[&str]) {
@@ -47,6 +49,7 @@ mod tests {
         read::<Precision>(&PRECISIONS);
         read::<SolverChoice>(&SOLVERS);
         read::<Lamps>(&LAMPS);
+        read::<VisibilityChoice>(&VISIBILITIES);
         read::<Orient>(&ORIENTATIONS);
         read::<Shading>(&SHADINGS);
         read::<Reflections>(&REFLECTIONS);

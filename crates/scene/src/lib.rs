@@ -54,7 +54,9 @@ pub use material::{Material, Normalization};
 pub use movable::Movable;
 pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
-pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport};
+pub use settings::{
+    BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, VisibilityChoice,
+};
 pub use shapes::Shape;
 pub use sky::Sky;
 

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::{
     BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport,
+    VisibilityChoice,
 };
 use antirad_base::output::{OutputError, atomic_write};
 
@@ -60,6 +61,7 @@ struct SettingsTable {
     precision: String,
     backend: String,
     transport: TransportTable,
+    visibility: &'static str,
 }
 
 #[derive(Serialize)]
@@ -239,6 +241,11 @@ impl Scene {
                 Transport::Auto => TransportTable::Auto,
                 Transport::Exact => TransportTable::Exact,
                 Transport::Hierarchical { error } => TransportTable::Hierarchical(error),
+            },
+            visibility: match self.settings.visibility {
+                VisibilityChoice::Auto => "auto",
+                VisibilityChoice::Implicit => "implicit",
+                VisibilityChoice::Explicit => "explicit",
             },
         };
         let scene = SceneTable {

@@ -98,6 +98,19 @@ pub enum Lamps {
     Antiradiance,
 }
 
+/// How blockers keep light from what is behind them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VisibilityChoice {
+    /// Explicit where blockers are dense, unless derivatives by positions are wanted; else implicit.
+    #[default]
+    Auto,
+    /// By antiradiance: differentiable and without noise, for blockers that are few and large.
+    Implicit,
+    /// By rays, for any blockers: with a little noise, and without derivatives by positions.
+    Explicit,
+}
+
 /// Which solver to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -238,8 +251,10 @@ pub struct SolveSettings {
     pub solver: SolverChoice,
     /// Number format of the solve.
     pub precision: Precision,
-    /// How light from far triangles is summed up.
+    /// How light from far triangles is summed up, where visibility is implicit.
     pub transport: Transport,
+    /// How blockers keep light from what is behind them.
+    pub visibility: VisibilityChoice,
     /// The backend that computes light.
     pub backend: BackendChoice,
 }
@@ -253,6 +268,7 @@ setters!(SolveSettings {
     solver: SolverChoice,
     precision: Precision,
     transport: Transport,
+    visibility: VisibilityChoice,
     backend: BackendChoice,
 });
 
@@ -333,6 +349,7 @@ impl Default for SolveSettings {
             solver: SolverChoice::Auto,
             precision: Precision::F32,
             transport: Transport::Auto,
+            visibility: VisibilityChoice::Auto,
             backend: BackendChoice::Auto,
         }
     }

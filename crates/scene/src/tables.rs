@@ -12,7 +12,7 @@ use toml::Spanned;
 use super::error::{Place, SceneError};
 use super::{
     BackendChoice, BinLayout, Camera, Choice, Lamps, Material, Normalization, Orient, Precision, Shape,
-    SolveSettings, SolverChoice, Transport,
+    SolveSettings, SolverChoice, Transport, VisibilityChoice,
 };
 
 /// Named tables; the span of a name is its position in the file.
@@ -157,6 +157,7 @@ pub(super) struct SettingsTable {
     pub precision: Option<Precision>,
     pub backend: Option<BackendChoice>,
     pub transport: Option<TransportTable>,
+    pub visibility: Option<VisibilityChoice>,
 }
 
 impl SettingsTable {
@@ -173,6 +174,7 @@ impl SettingsTable {
             precision: self.precision.unwrap_or(default.precision),
             backend: self.backend.unwrap_or(default.backend),
             transport: self.transport.map_or(default.transport, Into::into),
+            visibility: self.visibility.unwrap_or(default.visibility),
         }
     }
 }

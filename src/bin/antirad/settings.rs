@@ -2,11 +2,13 @@
 
 use crate::Failure;
 use antirad::cli::{
-    BackendArguments, Interrupt, LAMPS, ORIENTATIONS, PRECISIONS, SOLVERS, Working, parse_size, word,
+    BackendArguments, Interrupt, LAMPS, ORIENTATIONS, PRECISIONS, SOLVERS, VISIBILITIES, Working, parse_size,
+    word,
 };
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{
     BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, Sky, SolverChoice, Transport,
+    VisibilityChoice,
 };
 use antirad::target_error::{usual_plan, usual_settings};
 use clap::Args;
@@ -117,6 +119,10 @@ pub struct SceneSettings {
     /// relative to its mean; or auto, in meshes of 4000 triangles and more with clusters within .5 % or the target error
     #[arg(long, value_name = "TRANSPORT")]
     transport: Option<Transport>,
+    /// How blockers keep light from what is behind them: by antiradiance (implicit); by rays, which serve where blockers are dense (explicit);
+    /// or by whichever the scene needs (auto)
+    #[arg(long, value_name = "HOW", value_parser = word::<VisibilityChoice>(VISIBILITIES))]
+    visibility: Option<VisibilityChoice>,
     #[command(flatten)]
     pub backend: BackendArguments,
     /// Limit of the backend's memory, e.g. 512MiB [default: what the device has; on the CPU three quarters of the system's]
@@ -135,6 +141,7 @@ impl SceneSettings {
             .solver(self.solver.unwrap_or(file.solver))
             .precision(self.precision.unwrap_or(file.precision))
             .transport(self.transport.unwrap_or(file.transport))
+            .visibility(self.visibility.unwrap_or(file.visibility))
             .backend(self.backend.backend.unwrap_or(file.backend));
         if self.tolerance.is_some() && matches!(scene.choice, Choice::Within(_)) {
             scene.choice = Choice::default();

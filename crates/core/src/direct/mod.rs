@@ -22,7 +22,7 @@ mod visible;
 pub use cone::vector_irradiance;
 pub use lamps::{FEW as FEW_LAMPS, Lamp, lamps};
 pub use polygon::Polygon;
-pub use sampling::mixed;
+pub use sampling::{STEPS, mixed};
 
 use crate::model::{Facet, FacetGradient, pull_unit};
 use antirad_base::ranks::{RankError, Ranks};

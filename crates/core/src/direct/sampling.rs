@@ -23,7 +23,7 @@ const TO_EACH: f64 = 128.0;
 
 /// Steps of a sequence that fills the unit cube of four dimensions evenly: powers of the inverse of the real root of x⁵ = x + 1
 /// (M. Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
-const STEPS: [f64; 4] =
+pub const STEPS: [f64; 4] =
     [0.856_674_883_854_502_9, 0.733_891_856_627_126, 0.628_706_721_037_808_7, 0.538_597_257_223_610_1];
 
 /// Rays among the triangles of a scene.

@@ -31,6 +31,9 @@ pub enum PlanError {
         "direct light by rays has no derivatives by positions: choose lamps = \"exact\" or \"antiradiance\""
     )]
     SampledLamps,
+    /// Derivatives by positions are wanted, and explicit visibility.
+    #[error("explicit visibility has no derivatives by positions: choose visibility = \"implicit\"")]
+    ExplicitVisibility,
     /// No triangle has an area.
     #[error("the scene has no triangle with an area, so there is nothing to solve")]
     NothingToSolve,

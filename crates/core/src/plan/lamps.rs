@@ -1,7 +1,8 @@
 //! The choice of lamps, the emitters whose direct light is computed separately from U, and of their
 //! visibility.
 
-use super::{GradientRequest, Placement, Plan, PlanError};
+use super::visibility::why_explicit;
+use super::{GradientRequest, Placement, Plan, PlanError, PlanOptions};
 use crate::direct::{DirectLight, FEW_LAMPS, Lamp, Visibility, lamps};
 use crate::model::{Bins, Facet, coplanar_tolerance};
 use antirad_scene::{Lamps, Scene, SolveSettings, Transport};
@@ -11,6 +12,8 @@ use std::sync::Arc;
 /// CPU, and a second.
 const TESTS_PER_PAIR: f64 = 16.0;
 const FEW_TESTS: f64 = 2e7;
+/// As many partners of a triangle take as long as the rays of explicit visibility.
+const BY_RAYS: usize = 500;
 /// Pairs of a triangle with clusters, about, and the error of these from which on rays are accurate enough.
 const CLUSTERS: usize = 4000;
 const COARSE: f64 = 0.002;
@@ -43,12 +46,13 @@ pub(crate) struct Chosen {
 }
 
 /// Chooses the lamps of a scene whose direct light is computed separately from U, where `gradients` are
-/// wanted. An error where that is stated and not possible.
+/// wanted, and where visibility is `explicit`. An error where that is stated and not possible.
 pub(super) fn choose(
     scene: &Scene,
     facets: &[Facet],
     settings: &SolveSettings,
     gradients: GradientRequest,
+    explicit: bool,
 ) -> Result<Chosen, PlanError> {
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
     let emitters = lamps.len();
@@ -59,7 +63,11 @@ pub(super) fn choose(
     };
     let clustered = matches!(settings.transport, Transport::Hierarchical { error } if error >= COARSE);
     let all = facets.len();
-    let summed = if clustered { all.min(CLUSTERS) } else { all };
+    let summed = match (explicit, clustered) {
+        (true, _) => all.min(BY_RAYS),
+        (false, true) => all.min(CLUSTERS),
+        (false, false) => all,
+    };
     let moves = gradients.positions || gradients.camera;
     let sampled = || {
         let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
@@ -90,9 +98,11 @@ pub(super) fn choose(
 /// from U.
 pub fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
     let facets = Placement::of(scene).facets(scene);
+    let explicit = why_explicit(&facets, &scene.settings, &PlanOptions::default());
+    let explicit = explicit.is_ok_and(|why| why.is_some());
     // Nothing is refused without derivatives.
     let Chosen { lamps, visibility, .. } =
-        choose(scene, &facets, &scene.settings, GradientRequest::default()).unwrap_or_default();
+        choose(scene, &facets, &scene.settings, GradientRequest::default(), explicit).unwrap_or_default();
     (facets, lamps, visibility)
 }
 
@@ -176,7 +186,7 @@ mod tests {
         let facets = Placement::of(&scene).facets(&scene);
         let chosen = |transport: Transport, gradients: GradientRequest| {
             let settings = scene.settings.transport(transport);
-            choose(&scene, &facets, &settings, gradients).expect("a choice").visibility
+            choose(&scene, &facets, &settings, gradients, false).expect("a choice").visibility
         };
         let none = GradientRequest::default();
         assert_eq!(chosen(Transport::Hierarchical { error: 0.003 }, none), Visibility::Sampled);
@@ -191,7 +201,8 @@ mod tests {
         let facets = Placement::of(&scene).facets(&scene);
         for transport in [Transport::Auto, Transport::Hierarchical { error: 0.003 }] {
             let settings = scene.settings.transport(transport);
-            let chosen = choose(&scene, &facets, &settings, GradientRequest::default()).expect("a choice");
+            let chosen =
+                choose(&scene, &facets, &settings, GradientRequest::default(), false).expect("a choice");
             assert_eq!((chosen.visibility, chosen.lamps.len()), (Visibility::Exact, 1), "{transport}");
         }
     }

@@ -14,6 +14,7 @@ mod residency;
 mod shares;
 mod tiles;
 mod transport;
+mod visibility;
 mod weights;
 
 pub use crate::model::PADDING;
@@ -341,9 +342,14 @@ impl Plan {
         let placement = Placement::of(scene);
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
+        let transport = match visibility::why_explicit(&facets, settings, options)? {
+            Some(why) => PlannedTransport::Rays { why },
+            None => PlannedTransport::default(),
+        };
+        let explicit = transport.is_explicit();
         let Chosen { lamps, visibility, emitters } = match options.occlusion {
             Occlusion::Nothing => Chosen::default(),
-            _ => lamps::choose(scene, &facets, settings, options.gradients)?,
+            _ => lamps::choose(scene, &facets, settings, options.gradients, explicit)?,
         };
         match options.occlusion {
             Occlusion::Exact => {}
@@ -352,11 +358,15 @@ impl Plan {
                 classes.iter_mut().zip(&facets[..]).for_each(|(class, f)| class.blocker = f.area > 0.0);
             }
         }
+        if explicit {
+            classes.iter_mut().for_each(|class| class.blocker = false);
+        }
         let bins = Bins::new(settings.bins);
         // A loss may have colour in a scene without.
         let channels = if is_grey(scene) && !options.gradients.any() { 1 } else { 3 };
 
         let anew = ClusterChoice::of(scene, (placement, &facets), &classes, &lamps, (options, settings));
+        let anew = anew.filter(|_| !explicit);
         let kept = before.zip(anew.as_ref()).filter(|(before, anew)| before.serves(anew));
         let (choice, order) = match kept {
             Some((before, _)) => {
@@ -388,7 +398,7 @@ impl Plan {
             emitters,
             layout,
             interactions: Interactions::default(),
-            transport: PlannedTransport::default(),
+            transport,
             choice: None,
             lobes,
             solver: PlannedSolver::FixedPoint,
@@ -405,7 +415,7 @@ impl Plan {
             // Windows have cut groups anew.
             plan.shares = Shares::of(&plan);
         }
-        plan.choose_near_field();
+        plan.choose_near_field()?;
         Ok(plan)
     }
 

@@ -1,5 +1,6 @@
 //! Clusters or the exact sum.
 
+use super::near_matrix::RAYS;
 use super::{ClusterChoice, Group, Interactions, MemoryPlan, Plan, PlanError, Residency, page_tiles};
 use crate::model::{Class, LIST};
 use antirad_scene::Transport;
@@ -20,13 +21,23 @@ pub enum PlannedTransport {
         /// Error of irradiance that they may cause, relative to its mean.
         error: f64,
     },
+    /// Rays: visibility is explicit.
+    Rays {
+        /// Why visibility is explicit.
+        why: &'static str,
+    },
 }
 
 impl PlannedTransport {
+    /// Whether visibility is explicit: light goes by rays.
+    pub fn is_explicit(self) -> bool {
+        matches!(self, Self::Rays { .. })
+    }
+
     /// The error of irradiance that clusters may cause, relative to its mean; none if there are none.
     pub fn error(self) -> f64 {
         match self {
-            Self::Exact { .. } => 0.0,
+            Self::Exact { .. } | Self::Rays { .. } => 0.0,
             Self::Hierarchical { error } => error,
         }
     }
@@ -43,6 +54,7 @@ impl fmt::Display for PlannedTransport {
         match self {
             Self::Exact { why } => write!(f, "exact: {why}"),
             Self::Hierarchical { error } => write!(f, "clusters, error {error}"),
+            Self::Rays { why } => write!(f, "explicit visibility, {RAYS} rays a triangle: {why}"),
         }
     }
 }
@@ -59,6 +71,11 @@ const REFITS: u32 = 4;
 impl Plan {
     /// Chooses transport, and solver and residency for it.
     pub(super) fn choose_transport(&mut self, choice: Option<&Arc<ClusterChoice>>) -> Result<(), PlanError> {
+        if self.transport.is_explicit() {
+            self.cut_for_ranks();
+            self.interactions = Interactions::none(&self.layout, self.options.gradients.any())?;
+            return self.choose_solver();
+        }
         let why = match (self.settings.transport.usual(self.facets.len()), choice) {
             (Transport::Hierarchical { error }, Some(choice)) => match self.with_clusters(choice, error)? {
                 Ok(()) => {

@@ -143,10 +143,12 @@ impl Warnings {
     /// Warnings before a solve. Takes about as long as planning, since only pairs of nearby triangles are examined.
     pub fn of(scene: &Scene, plan: &Plan) -> Self {
         let mut warnings = Self::default();
-        let gains = Gains::above(GAIN_LIMIT, plan.into());
-        warnings.stacked_layers(scene, plan, &gains);
-        warnings.coarse_blockers(scene, plan, &gains);
-        warnings.narrow_gaps(scene, plan);
+        if !plan.transport().is_explicit() {
+            let gains = Gains::above(GAIN_LIMIT, plan.into());
+            warnings.stacked_layers(scene, plan, &gains);
+            warnings.coarse_blockers(scene, plan, &gains);
+            warnings.narrow_gaps(scene, plan);
+        }
         warnings.bad_edges(scene, plan);
         warnings.lit_backs(scene, plan);
         warnings
@@ -383,9 +385,12 @@ impl Warnings {
             kind: Kind::LitBacks,
             effect: Effect::predicted(lit.share(scene, plan)),
             message: format!(
-                "light falls on the backs of {count} triangles, {:.1} % of the area: it is not reflected there, and passes, but for \
-                 what comes straight from exact lamps",
-                100.0 * share
+                "light falls on the backs of {count} triangles, {:.1} % of the area: it is not reflected there{}",
+                100.0 * share,
+                match plan.transport().is_explicit() {
+                    true => "",
+                    false => ", and passes, but for what comes straight from exact lamps; with visibility = \"explicit\" backs are black",
+                }
             ),
             remedy: "two_sided = true (--two-sided) for sheets; turn what faces the wrong way".to_owned(),
             measure: "irradiance of the back, W/m²",

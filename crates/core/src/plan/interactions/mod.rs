@@ -11,6 +11,7 @@ pub use near::NearPairs;
 
 use super::{ClusterChoice, PlanError, TileLayout};
 use crate::model::{Class, ClusterInput, Clusters, Facet, Hierarchy, coplanar_tolerance};
+use far::Row;
 use passing::Passing;
 use std::sync::Arc;
 
@@ -52,6 +53,17 @@ impl Interactions {
         let near = NearPairs::of_tiles(layout, &far, facets, classes, half_range, tolerance)?;
         let by_receiver = PairLists { far, near };
         let by_source = by_source.then(|| by_receiver.transposed()).transpose()?;
+        Ok(Self { by_receiver, by_source, clusters: None })
+    }
+
+    /// No pairs.
+    pub(super) fn none(layout: &TileLayout, by_source: bool) -> Result<Self, PlanError> {
+        let mut nothing = Row::default();
+        nothing.extend(layout.tiles(), 0);
+        let far = FarRuns::new(&vec![nothing; layout.tiles() as usize])?;
+        let near = NearPairs { offsets: vec![0; layout.slots() as usize + 1], partners: Vec::new() };
+        let by_receiver = PairLists { far, near };
+        let by_source = by_source.then(|| by_receiver.clone());
         Ok(Self { by_receiver, by_source, clusters: None })
     }
 

@@ -1,16 +1,20 @@
-//! The near field as a sparse matrix, kept instead of being evaluated in each pass. Its weights depend on geometry
-//! alone.
+//! Transport as a sparse matrix, whose weights depend on geometry alone: that of close pairs, kept instead of being
+//! evaluated in each pass, or all of it by rays.
 
 mod blocks;
+mod rays;
 mod rows;
 mod sliced;
 
 pub use blocks::{IncidentPart, OutgoingPart};
+pub use rays::RAYS;
 pub use sliced::{Block, NO_ROW, SLICE, SlicedMatrix};
 
-use super::{MemoryPlan, NearPairs, Plan, Residency};
+use super::{MemoryPlan, NearPairs, Plan, PlanError, Residency};
+use crate::model::PADDING;
 use antirad_scene::Precision;
 use blocks::Blocks;
+use rays::Seen;
 use rows::{Geometry, Row, Rows};
 use std::fmt;
 use std::sync::Arc;
@@ -89,7 +93,13 @@ const MOST_WEIGHTS: u64 = 1 << 30;
 
 impl Plan {
     /// Decides whether the near field is kept, and evaluates it if so. Everything else has been planned.
-    pub(super) fn choose_near_field(&mut self) {
+    ///
+    /// # Errors
+    /// Fails if light goes by rays and their matrix does not fit.
+    pub(super) fn choose_near_field(&mut self) -> Result<(), PlanError> {
+        if self.transport.is_explicit() {
+            return self.keep_rays();
+        }
         let evaluated = |why| NearField::Evaluated { why };
         self.near_field = self.near_matrix().map_or_else(evaluated, NearField::Kept);
         let memory = MemoryPlan::of(self, self.options.rank);
@@ -100,6 +110,25 @@ impl Plan {
         } else {
             self.memory = memory;
         }
+        Ok(())
+    }
+
+    /// Traces the rays that all light goes by.
+    fn keep_rays(&mut self) -> Result<(), PlanError> {
+        let blocks = Blocks::new(&self.layout, self.bins.count());
+        let rows = {
+            let geometry = self.matrix_geometry();
+            let seen = Seen::new(&geometry);
+            let slots = || (0..self.layout.slots()).filter(|&s| self.layout.order[s as usize] != PADDING);
+            let own: Vec<u32> = slots().filter(|&slot| self.owns(slot)).collect();
+            let rows = seen.rows(&blocks, &own);
+            self.matrix(&blocks, &rows, || seen.rows(&blocks, &slots().collect::<Vec<_>>()))
+        };
+        self.near_field = NearField::Kept(rows);
+        self.memory = MemoryPlan::of(self, self.options.rank);
+        self.memory.check_buffers(self.options.max_buffer)?;
+        let (budget, needed) = (self.options.memory_budget, self.memory.total());
+        if needed > budget { Err(PlanError::OverBudget { budget, needed }) } else { Ok(()) }
     }
 
     fn near_matrix(&self) -> Result<NearMatrix, &'static str> {
@@ -115,16 +144,7 @@ impl Plan {
         }
         let free = self.options.memory_budget.saturating_sub(self.memory.total());
         let blocks = Blocks::new(&self.layout, self.bins.count());
-        let [coincident, pole] = rounding(self.settings.precision);
-        let geometry = Geometry {
-            layout: &self.layout,
-            facets: &self.facets,
-            classes: &self.classes,
-            bins: &self.bins,
-            half_range: 0.5 * self.settings.near_field,
-            coincident,
-            pole,
-        };
+        let geometry = self.matrix_geometry();
         let own: Vec<u32> = with_close_sources(near).filter(|&slot| self.owns(slot)).collect();
         if own.is_empty() {
             return Err("no close pairs");
@@ -146,6 +166,32 @@ impl Plan {
         if rows.weights.is_empty() {
             return Err("no light between close triangles");
         }
+        Ok(self.matrix(&blocks, &rows, || {
+            // The rows of own sources are columns of what their receivers, of any rank, receive.
+            let lit = |&slot: &u32| {
+                near.of(slot, &(0..self.layout.slots())).iter().any(|&source| self.owns(source))
+            };
+            let lit: Vec<u32> = with_close_sources(near).filter(lit).collect();
+            Rows::of(&geometry, &blocks, near, &lit)
+        }))
+    }
+
+    fn matrix_geometry(&self) -> Geometry<'_> {
+        let [coincident, pole] = rounding(self.settings.precision);
+        Geometry {
+            layout: &self.layout,
+            facets: &self.facets,
+            classes: &self.classes,
+            bins: &self.bins,
+            half_range: 0.5 * self.settings.near_field,
+            coincident,
+            pole,
+        }
+    }
+
+    /// The matrix of the rows of own receivers, with gradients also the transposed one. `lit`: the rows of all that own
+    /// sources send light to, where there are several ranks.
+    fn matrix(&self, blocks: &Blocks, rows: &Rows, lit: impl FnOnce() -> Rows) -> NearMatrix {
         // Bins of a state hold H(b) / c_b.
         let per_bin = |row: &Row| 1.0 / self.bins.projected[row.index as usize % self.bins.count()];
         // Rows are of what this rank holds.
@@ -154,7 +200,7 @@ impl Plan {
                 .map(|group| self.layout.slots_of(&group.tiles).start);
             (own - all) * self.bins.count() as u32
         };
-        let forward = SlicedMatrix::new(&rows, &blocks, |row| match blocks.parts(row.block) {
+        let forward = SlicedMatrix::new(rows, blocks, |row| match blocks.parts(row.block) {
             (IncidentPart::Irradiance, _) => 1.0,
             (IncidentPart::Bins { .. }, _) => per_bin(row),
         })
@@ -165,18 +211,13 @@ impl Plan {
         let transposed = self.options.gradients.any().then(|| {
             let turned = match self.options.ranks {
                 1 => rows.transposed(),
-                // The rows of own sources are columns of what their receivers, of any rank, receive.
                 _ => {
-                    let lit = |&slot: &u32| {
-                        near.of(slot, &(0..self.layout.slots())).iter().any(|&source| self.owns(source))
-                    };
-                    let lit: Vec<u32> = with_close_sources(near).filter(lit).collect();
-                    let mut turned = Rows::of(&geometry, &blocks, near, &lit).transposed();
+                    let mut turned = lit().transposed();
                     turned.rows.retain(|row| self.owns(blocks.source(row)));
                     turned
                 }
             };
-            let turned = SlicedMatrix::new(&turned, &blocks, |row| match blocks.parts(row.block) {
+            let turned = SlicedMatrix::new(&turned, blocks, |row| match blocks.parts(row.block) {
                 (_, OutgoingPart::Diffuse | OutgoingPart::Specular { .. }) => 1.0,
                 (_, OutgoingPart::Antiradiance { .. }) => per_bin(row),
             });
@@ -185,7 +226,7 @@ impl Plan {
                 OutgoingPart::Antiradiance { group } | OutgoingPart::Specular { group } => before(group),
             }))
         });
-        Ok(NearMatrix { forward: Arc::new(forward), transposed, weights: rows.weights.len() as u64 })
+        NearMatrix { forward: Arc::new(forward), transposed, weights: rows.weights.len() as u64 }
     }
 
     /// Weights and bytes of the whole matrix for own receivers, from the rows of some of them.

@@ -44,10 +44,20 @@ pub struct Rows {
 impl Rows {
     /// The rows of some receivers, in the order of their slots, then of their bins.
     pub fn of(geometry: &Geometry, blocks: &Blocks, near: &NearPairs, receivers: &[u32]) -> Self {
+        Self::by_receiver(geometry, blocks, receivers, |sums, slot, rows| sums.receiver(near, slot, rows))
+    }
+
+    /// The rows that `add` appends for each of some receivers, in their order.
+    pub fn by_receiver(
+        geometry: &Geometry,
+        blocks: &Blocks,
+        receivers: &[u32],
+        add: impl Fn(&mut Sums, u32, &mut Self) + Sync,
+    ) -> Self {
         let receivers = receivers.par_chunks(RECEIVERS).map(|receivers| {
             let mut rows = Self::default();
             let mut sums = Sums::new(geometry, blocks);
-            receivers.iter().for_each(|&slot| sums.receiver(near, slot, &mut rows));
+            receivers.iter().for_each(|&slot| add(&mut sums, slot, &mut rows));
             rows
         });
         let parts: Vec<Self> = receivers.collect();
@@ -143,7 +153,7 @@ struct Tapped {
 }
 
 /// Sums up the rows of one receiver at a time.
-struct Sums<'a> {
+pub struct Sums<'a> {
     geometry: &'a Geometry<'a>,
     blocks: &'a Blocks,
     /// Entries by row of the receiver, irradiance first, and within a row by the outgoing light of the
@@ -160,7 +170,7 @@ struct Sums<'a> {
 }
 
 impl<'a> Sums<'a> {
-    fn new(geometry: &'a Geometry<'a>, blocks: &'a Blocks) -> Self {
+    pub fn new(geometry: &'a Geometry<'a>, blocks: &'a Blocks) -> Self {
         let bins = geometry.bins.count();
         Self {
             geometry,
@@ -182,7 +192,7 @@ impl<'a> Sums<'a> {
         if sources.is_empty() || layout.order[slot as usize] == PADDING {
             return;
         }
-        let (j, group) = (triangle(slot), self.blocks.group_of(slot));
+        let j = triangle(slot);
         let basis = orthonormal_basis(facets[j].normal);
         for &source in sources {
             let i = triangle(source);
@@ -194,10 +204,17 @@ impl<'a> Sums<'a> {
                 half_range,
                 coincident,
             };
-            self.tap(&pair, &basis);
+            self.begin_pair();
+            pair.pieces(|piece| self.tap(piece, &basis, (i, j)));
             self.sum_up();
             self.append(source);
         }
+        self.finish(slot, rows);
+    }
+
+    /// Moves the sums of a receiver to rows.
+    pub fn finish(&mut self, slot: u32, rows: &mut Rows) {
+        let group = self.blocks.group_of(slot);
         self.filled.sort_unstable();
         let outgoing = self.blocks.outgoing();
         for &list in &self.filled {
@@ -212,34 +229,36 @@ impl<'a> Sums<'a> {
         self.filled.clear();
     }
 
-    /// Lists the pieces of a pair with their bilinear weights.
-    fn tap(&mut self, pair: &ClosePair, receiver: &DMat3) {
+    /// Begins a pair without pieces.
+    pub fn begin_pair(&mut self) {
+        self.pieces.clear();
+        self.rows.clear();
+        self.columns.clear();
+    }
+
+    /// Adds a piece of the pair of triangles `source` and `receiver`, whose frame is `basis`, with its bilinear weights.
+    pub fn tap(&mut self, piece: Piece, basis: &DMat3, (source, receiver): (usize, usize)) {
         let Self { pieces, rows, columns, .. } = self;
-        let Geometry { bins, pole, .. } = *self.geometry;
-        let source = orthonormal_basis(pair.source.normal);
+        let Geometry { facets, classes, bins, pole, .. } = *self.geometry;
         let taps = |used: &mut Used, first: usize, direction: DVec3| {
             bins.taps_beside(pole, direction).map(|(bin, weight)| (used.number(first + bin), weight))
         };
-        pieces.clear();
-        rows.clear();
-        columns.clear();
-        pair.pieces(|piece| {
-            let receiver = match pair.receiver_bins {
-                true => taps(rows, 0, receiver.transpose() * -piece.direction),
-                false => [(0, 0.0); 4],
-            };
-            let source = match (piece.binned > 0.0, piece.front) {
-                (false, _) => [(0, 0.0); 4],
-                // Light that leaves the back was incident from the opposite direction.
-                (true, false) => taps(columns, 0, source.transpose() * -piece.direction),
-                (true, true) => taps(columns, bins.count(), source.transpose() * piece.direction),
-            };
-            pieces.push(Tapped { piece, receiver, source });
-        });
+        let at_receiver = match classes[receiver].has_bins() {
+            true => taps(rows, 0, basis.transpose() * -piece.direction),
+            false => [(0, 0.0); 4],
+        };
+        let from = |direction: DVec3| orthonormal_basis(facets[source].normal).transpose() * direction;
+        let at_source = match (piece.binned > 0.0, piece.front) {
+            (false, _) => [(0, 0.0); 4],
+            // Light that leaves the back was incident from the opposite direction.
+            (true, false) => taps(columns, 0, from(-piece.direction)),
+            (true, true) => taps(columns, bins.count(), from(piece.direction)),
+        };
+        pieces.push(Tapped { piece, receiver: at_receiver, source: at_source });
     }
 
     /// Sums up the pieces of a pair by bins of both ends.
-    fn sum_up(&mut self) {
+    pub fn sum_up(&mut self) {
         let width = 1 + self.columns.bins.len();
         self.pair.clear();
         self.pair.resize((1 + self.rows.bins.len()) * width, 0.0);
@@ -261,7 +280,7 @@ impl<'a> Sums<'a> {
     }
 
     /// Appends the sums of a pair to the lists of the receiver.
-    fn append(&mut self, source: u32) {
+    pub fn append(&mut self, source: u32) {
         let bins = self.geometry.bins.count();
         let group = self.blocks.group_of(source);
         let outgoing = self.blocks.outgoing();
