@@ -63,7 +63,7 @@ pub mod scene {
     pub use antirad_scene::{
         BinLayout, Camera, Choice, Lamps, LoadOptions, Material, Mesh, Movable, Normalization, Orient,
         Origin, Patterns, Precision, Scene, SceneBuilder, SceneError, Shape, Sky, SolveSettings,
-        SolverChoice, TextureRefined, Transport, Triangle, VisibilityChoice,
+        SolverChoice, Sun, TextureRefined, Transport, Triangle, VisibilityChoice,
     };
 }
 

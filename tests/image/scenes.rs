@@ -35,6 +35,7 @@ pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {
         meshes: Vec::new(),
         origins: Vec::new(),
         materials: vec![Material::named("white")],
+        suns: Vec::new(),
         patterns: Default::default(),
         cameras: Vec::new(),
         settings: SolveSettings::default(),

@@ -17,7 +17,7 @@ use super::orient::orient;
 use super::outlook::{self, Outlook};
 use super::pattern::Pattern;
 use super::tables::MaterialTable;
-use super::{Camera, Choice, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Triangle};
+use super::{Camera, Choice, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle};
 
 /// A scene under construction.
 pub(super) struct Assembly {
@@ -62,6 +62,7 @@ impl Assembly {
                 origins: Vec::new(),
                 materials: Vec::new(),
                 patterns: Default::default(),
+                suns: Vec::new(),
                 cameras: Vec::new(),
                 settings: SolveSettings::default(),
                 choice: Default::default(),
@@ -295,6 +296,10 @@ impl Assembly {
 
     pub fn set_sky(&mut self, sky: Sky) {
         self.sky = Some(sky);
+    }
+
+    pub fn add_sun(&mut self, sun: Sun) {
+        self.scene.suns.push(sun);
     }
 
     pub fn set_settings(&mut self, settings: SolveSettings, choice: Choice, line: usize) {

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 
-use super::{Camera, Material, Mesh, Normalization, Scene, SceneError, Triangle};
+use super::{Camera, Material, Mesh, Normalization, Scene, SceneError, Sun, Triangle};
 
 /// A quarter of the range of 32-bit indices, so that sums over corners and bins stay within it.
 pub(super) const MAX_TRIANGLES: u64 = u32::MAX as u64 / 4;
@@ -37,6 +37,7 @@ impl Scene {
             triangles,
             materials,
             patterns: Default::default(),
+            suns: Vec::new(),
             origins: Vec::new(),
             cameras: Vec::new(),
             settings: Default::default(),
@@ -46,6 +47,16 @@ impl Scene {
         };
         scene.check(false)?;
         Ok(scene)
+    }
+
+    /// Adds a sun.
+    ///
+    /// # Errors
+    /// Fails if the sun does not pass [`Sun::check`].
+    pub fn add_sun(&mut self, sun: Sun) -> Result<(), SceneError> {
+        sun.check().map_err(|message| SceneError::Sun { number: self.suns.len(), message })?;
+        self.suns.push(sun);
+        Ok(())
     }
 
     /// Adds a camera, or replaces the one of the same name.
@@ -66,36 +77,39 @@ impl Scene {
     /// Fills [`Scene::degenerate`] and adds to [`Scene::warnings`]. With `strict`, triangles without area are an error.
     ///
     /// # Errors
-    /// Fails if an index, a coordinate, the range of a mesh, a material, a setting or a camera is invalid, or
-    /// if the scene has no triangles or too many. With `strict`, fails also if a triangle has no area.
+    /// Fails if an index, a coordinate, the range of a mesh, a material, a sun, a setting or a camera is invalid,
+    /// or if the scene has no triangles or too many. With `strict`, fails also if a triangle has no area.
     pub fn check(&mut self, strict: bool) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_triangles()?;
         self.find_degenerate(strict)?;
         self.check_size()?;
+        self.check_suns(Sun::check)?;
         self.check_materials(Emission::Light)?.into_iter().for_each(|warning| self.warn(warning));
         self.settings.check()?;
         self.choice.check()?;
         self.cameras.iter().try_for_each(Camera::check)
     }
 
-    /// Checks geometry and materials, all that light depends on, and changes nothing. Everything that solves a scene calls
+    /// Checks geometry, materials and suns, all that light depends on, and changes nothing. Everything that solves a scene calls
     /// this, since the fields of a scene are public.
     ///
     /// # Errors
-    /// Fails if an index, a coordinate, the range of a mesh or a material is invalid, or if the scene has no
-    /// triangles or too many.
+    /// Fails if an index, a coordinate, the range of a mesh, a material or a sun is invalid, or if the scene has
+    /// no triangles or too many.
     pub fn validate(&self) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_geometry()?;
+        self.check_suns(Sun::check)?;
         self.check_materials(Emission::Light).map(drop)
     }
 
-    /// Checks geometry and materials as [`Scene::validate`] does, but allows negative emission. Light is
-    /// linear in emission, so that differences of scenes can be solved too.
+    /// Checks a scene as [`Scene::validate`] does, but allows negative emission and negative irradiance by suns.
+    /// Light is linear in both, so that differences of scenes can be solved too.
     pub fn validate_linear(&self) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_geometry()?;
+        self.check_suns(Sun::check_linear)?;
         self.check_materials(Emission::Difference).map(drop)
     }
 
@@ -208,6 +222,11 @@ impl Scene {
         Ok(())
     }
 
+    fn check_suns(&self, check: impl Fn(&Sun) -> Result<(), String>) -> Result<(), SceneError> {
+        let wrong = |(number, sun)| check(sun).err().map(|message| SceneError::Sun { number, message });
+        self.suns.iter().enumerate().find_map(wrong).map_or(Ok(()), Err)
+    }
+
     /// Warnings about the materials; an error at the first that is not physical.
     fn check_materials(&self, emission: Emission) -> Result<Vec<String>, SceneError> {
         let mut used = vec![false; self.materials.len()];
@@ -222,7 +241,7 @@ impl Scene {
             .map(|(name, _)| name.to_owned())
             .collect();
         let mut lobes = LobeCache::default();
-        let mut lit = false;
+        let mut lit = self.suns.iter().any(|sun| sun.irradiance.iter().any(|&h| h > 0.0));
         let mut warnings = Vec::new();
         for (material, used) in self.materials.iter().zip(used) {
             let name = &material.name;
@@ -245,7 +264,7 @@ impl Scene {
         if !lit {
             warnings.push(String::from(
                 "No material in use has an emission, so there is no light: the picture will be black. Give one an emission, or add \
-                 light from all around: --sky 1, or [sky] of a scene file.",
+                 light from all around: --sky 1, or [sky] or [sun] of a scene file.",
             ));
         }
         Ok(warnings)

@@ -192,6 +192,15 @@ pub enum SceneError {
         message: String,
     },
 
+    /// A sun has a value that is not physical.
+    #[error("sun {number}: {message}")]
+    Sun {
+        /// Its place in [`Scene::suns`](super::Scene::suns), from 0.
+        number: usize,
+        /// What is wrong, and the remedy.
+        message: String,
+    },
+
     /// A camera has invalid parameters.
     #[error("camera \"{name}\": {message}")]
     Camera {

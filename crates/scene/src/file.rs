@@ -12,9 +12,9 @@ use super::assembly::{Assembly, Sides};
 use super::error::{Place, SceneError};
 use super::geometry::{Placement, RawMesh};
 use super::mesh_file::{self, Contents};
-use super::tables::{self, MeshTable, SceneTable, SkyTable};
+use super::tables::{self, MeshTable, SceneTable, SkyTable, SunTable};
 use super::toml_file::TomlFile;
-use super::{Scene, Sky};
+use super::{Scene, Sky, Sun};
 
 /// How to load a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -82,6 +82,11 @@ impl Scene {
     /// radiance = [0.4, 0.5, 0.7]     # one number or RGB, W/(m² sr); factors of the image, where there is one
     /// # image = "sky.hdr"            # equirectangular, +y above, -z in the middle; HDR, EXR, PNG or JPEG
     ///
+    /// [sun]                          # light from one direction; [[sun]] for each of several
+    /// direction = [1, -2, 0.5]       # in which light travels
+    /// irradiance = [90, 85, 80]      # of a surface that faces it: one number or RGB, W/m²
+    /// angular_diameter = 0.53        # degrees, from 0.01 to 90
+    ///
     /// [camera.main]
     /// position = [0, 1, 5]
     /// target = [0, 1, 0]
@@ -112,7 +117,7 @@ impl Scene {
         match extension.as_deref() {
             Some("toml") => TomlFile::read(path)?.assemble(&mut assembly, options)?,
             Some(known) if mesh_file::EXTENSIONS.contains(&known) => {
-                let Contents { meshes, cameras, sky } =
+                let Contents { meshes, cameras, sky, suns } =
                     mesh_file::read(path, options.strict, &|_| false, assembly.warnings())?;
                 let sides = Sides { orient: options.orient, two_sided: None };
                 for (name, mut mesh) in meshes {
@@ -121,6 +126,7 @@ impl Scene {
                 }
                 cameras.into_iter().for_each(|camera| assembly.add_camera(camera, 1));
                 sky.into_iter().for_each(|sky| assembly.set_sky(sky));
+                suns.into_iter().for_each(|sun| assembly.add_sun(sun));
             }
             _ => return Err(SceneError::UnknownFormat { path: path.to_path_buf() }),
         }
@@ -175,6 +181,9 @@ impl TomlFile<'_> {
         if let (Some(table), None) = (&tables.sky, &options.sky) {
             assembly.set_sky(self.sky(table)?);
         }
+        for table in &tables.sun {
+            assembly.add_sun(self.sun(table)?);
+        }
         if let Some(table) = &tables.settings {
             let place = self.place(table.span());
             let (line, choice) = (place.line, table.get_ref().choice());
@@ -200,6 +209,14 @@ impl TomlFile<'_> {
             }
             (None, None) => Err(place.error("a sky needs `radiance = NUMBER`, or `image = \"FILE\"`")),
         }
+    }
+
+    fn sun(&self, table: &SunTable) -> Result<Sun, SceneError> {
+        let SunTable { direction, irradiance, angular_diameter } = table;
+        let sun = Sun::new(direction.get_ref().0, irradiance.0);
+        let sun = Sun { angular_diameter: angular_diameter.unwrap_or(sun.angular_diameter), ..sun };
+        let place = self.place(direction.span());
+        sun.check().map(|()| sun).map_err(|message| place.error(format!("the sun's {message}")))
     }
 
     /// All meshes of a file as one.

@@ -40,6 +40,7 @@ mod sky;
 mod split;
 mod statements;
 mod statue;
+mod sun;
 mod tables;
 mod texture;
 mod toml_file;
@@ -59,6 +60,7 @@ pub use settings::{
 };
 pub use shapes::Shape;
 pub use sky::Sky;
+pub use sun::Sun;
 
 pub use adjacency::{Edges, Fans, Welded, sides};
 pub use error::{Place, nearest};
@@ -117,6 +119,8 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// How materials vary within triangles, which pictures show.
     pub patterns: Arc<Patterns>,
+    /// Suns, in file order.
+    pub suns: Vec<Sun>,
     /// Cameras, in file order.
     pub cameras: Vec<Camera>,
     /// Settings of a solve.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::error::SceneError;
 use super::geometry::RawMesh;
-use super::{Camera, Sky, gltf_file, mitsuba, obj, ply};
+use super::{Camera, Sky, Sun, gltf_file, mitsuba, obj, ply};
 
 /// Most triangles of all instances of a file together.
 pub(super) const MOST_TRIANGLES: usize = 10_000_000;
@@ -16,10 +16,11 @@ pub(super) struct Contents {
     pub meshes: Vec<(String, RawMesh)>,
     pub cameras: Vec<Camera>,
     pub sky: Option<Sky>,
+    pub suns: Vec<Sun>,
 }
 
 impl Contents {
-    /// All meshes as one, without cameras and sky.
+    /// All meshes as one, without cameras, sky and suns.
     pub fn into_one(self) -> RawMesh {
         let mut meshes = self.meshes.into_iter().map(|(_, mesh)| mesh);
         let mut one = meshes.next().unwrap_or_else(RawMesh::empty);

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{
-    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Transport,
+    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun, Transport,
     VisibilityChoice,
 };
 use antirad_base::output::{OutputError, atomic_write};
@@ -18,6 +18,8 @@ struct SceneTable<'a> {
     mesh: Vec<MeshTable<'a>>,
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     material: BTreeMap<&'a str, MaterialTable>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sun: Vec<SunTable>,
     settings: SettingsTable,
 }
 
@@ -33,6 +35,13 @@ struct MeshTable<'a> {
 struct MaterialTable {
     diffuse: f64,
     normalization: &'static str,
+}
+
+#[derive(Serialize)]
+struct SunTable {
+    direction: [f64; 3],
+    irradiance: [f64; 3],
+    angular_diameter: f64,
 }
 
 #[derive(Serialize)]
@@ -81,8 +90,8 @@ enum Bins {
 
 impl Scene {
     /// Writes `path`, a TOML scene file, and next to it the meshes as OBJ and the materials as one MTL, all named after it.
-    /// Numbers have all their digits: [`Scene::load`] restores the same vertices, triangles, meshes, materials, cameras and
-    /// settings, except for the sign of zeros.
+    /// Numbers have all their digits: [`Scene::load`] restores the same vertices, triangles, meshes, materials, suns, cameras
+    /// and settings, except for the sign of zeros.
     ///
     /// The formats impose two changes. Characters of a material name that MTL would misread (a line break, a `#` after a
     /// blank) become `_`. Meshes that share vertices get copies of their own.
@@ -248,9 +257,15 @@ impl Scene {
                 VisibilityChoice::Explicit => "explicit",
             },
         };
+        let sun = |sun: &Sun| SunTable {
+            direction: sun.direction.into(),
+            irradiance: sun.irradiance,
+            angular_diameter: sun.angular_diameter,
+        };
         let scene = SceneTable {
             mesh,
             material: material.map(|(m, name)| (name.as_str(), table(m))).collect(),
+            sun: self.suns.iter().map(sun).collect(),
             settings,
         };
         let mut text = toml::to_string(&scene)?;

@@ -14,6 +14,9 @@ use super::free_name::free_name;
 use super::texture::{decode_picture, linear_from_srgb, read_picture};
 use super::{Material, Mesh, Origin, Scene, Triangle, bounds};
 
+/// Name of the mesh of a sky; further ones have numbers.
+pub(super) const NAME: &str = "sky";
+
 /// Squares along an edge of the cube for a picture: 96 in all, fewer than the lamps whose light is exact unless stated. Even, so that
 /// none reaches over the horizon, where pictures of skies have an edge.
 const SQUARES: usize = 4;
@@ -152,7 +155,7 @@ impl Scene {
             let known =
                 self.materials.iter().rposition(|m| names.contains(&m.name) && m.emission == *radiance);
             let material = known.unwrap_or_else(|| {
-                let name = self.free_material_name("sky");
+                let name = self.free_material_name(NAME);
                 names.push(name.clone());
                 self.materials.push(Material { emission: *radiance, ..Material::named(name) });
                 self.materials.len() - 1
@@ -167,7 +170,7 @@ impl Scene {
                 [at(row, column), at(row, column + 1), at(row + 1, column + 1), at(row + 1, column)];
             self.triangles.extend([[a, b, c], [a, c, d]].map(|vertices| Triangle { vertices, material }));
         }
-        let name = free_name("sky", |name| self.meshes.iter().all(|mesh| mesh.name != name));
+        let name = free_name(NAME, |name| self.meshes.iter().all(|mesh| mesh.name != name));
         self.meshes.push(Mesh { name, range: first..self.triangles.len() as u32 });
         if !self.origins.is_empty() {
             self.origins.push(Origin::default());

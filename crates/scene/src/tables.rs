@@ -5,7 +5,8 @@ use std::fmt;
 use std::path::PathBuf;
 
 use glam::DVec3;
-use serde::de::{Error as _, SeqAccess, Visitor};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Error as _, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 
@@ -28,6 +29,8 @@ pub(super) struct SceneTable {
     #[serde(default)]
     pub camera: Named<CameraTable>,
     pub sky: Option<Spanned<SkyTable>>,
+    #[serde(default, deserialize_with = "one_or_more")]
+    pub sun: Vec<SunTable>,
     pub settings: Option<Spanned<SettingsTable>>,
 }
 
@@ -65,6 +68,41 @@ pub(super) struct MaterialTable {
 pub(super) struct SkyTable {
     pub radiance: Option<Triple>,
     pub image: Option<Spanned<PathBuf>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SunTable {
+    pub direction: Spanned<Vector>,
+    pub irradiance: Triple,
+    pub angular_diameter: Option<f64>,
+}
+
+/// Three finite numbers.
+#[derive(Clone, Copy, Deserialize)]
+pub(super) struct Vector(#[serde(deserialize_with = "vector")] pub DVec3);
+
+/// `[NAME]`, or any number of `[[NAME]]`.
+fn one_or_more<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+    struct Tables<T>(std::marker::PhantomData<T>);
+
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for Tables<T> {
+        type Value = Vec<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+            f.write_str("a table, or several")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<Vec<T>, A::Error> {
+            T::deserialize(MapAccessDeserializer::new(table)).map(|one| vec![one])
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, tables: A) -> Result<Vec<T>, A::Error> {
+            Vec::deserialize(SeqAccessDeserializer::new(tables))
+        }
+    }
+
+    deserializer.deserialize_any(Tables(std::marker::PhantomData))
 }
 
 impl MaterialTable {

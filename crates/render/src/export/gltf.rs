@@ -1,8 +1,8 @@
 //! Binary glTF 2.0.
 
 use antirad_base::output::{OutputError, atomic_write};
-use antirad_scene::{Camera, Material, Normalization, Scene};
-use glam::{DMat3, DVec3};
+use antirad_scene::{Camera, Material, Normalization, Scene, Sun};
+use glam::{DMat3, DQuat, DVec3};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::{BufWriter, Error, Write};
@@ -61,7 +61,14 @@ pub fn write(scene: &Scene, path: &Path, light: Option<&[[f64; 3]]>) -> Result<(
     for (index, camera) in scene.cameras.iter().enumerate() {
         nodes.push(json!({ "name": camera.name, "camera": index, "matrix": place(camera) }));
     }
-    let document = json!({
+    for (index, sun) in scene.suns.iter().enumerate() {
+        nodes.push(json!({
+            "name": "sun",
+            "rotation": DQuat::from_rotation_arc(DVec3::NEG_Z, sun.travels()).to_array(),
+            "extensions": { "KHR_lights_punctual": { "light": index } },
+        }));
+    }
+    let mut document = json!({
         "asset": { "version": "2.0", "generator": "antirad" },
         "scene": 0,
         "scenes": [{ "name": scene.name, "nodes": (0..nodes.len()).collect::<Vec<_>>() }],
@@ -74,10 +81,14 @@ pub fn write(scene: &Scene, path: &Path, light: Option<&[[f64; 3]]>) -> Result<(
         "bufferViews": binary.views,
         "accessors": binary.accessors,
     });
-    let mut document = document;
+    // Empty lists are invalid.
     if scene.cameras.is_empty() {
-        // Empty lists are invalid.
         document.as_object_mut().map(|object| object.remove("cameras"));
+    }
+    if !scene.suns.is_empty() {
+        document["extensionsUsed"] = json!(["KHR_materials_emissive_strength", "KHR_lights_punctual"]);
+        let lights: Vec<Value> = scene.suns.iter().map(directional).collect();
+        document["extensions"] = json!({ "KHR_lights_punctual": { "lights": lights } });
     }
     atomic_write(path, |file| {
         let mut text = serde_json::to_vec(&document)?;
@@ -180,6 +191,17 @@ fn place(camera: &Camera) -> [f64; 16] {
         camera.position.extend(1.0),
     )
     .to_cols_array()
+}
+
+fn directional(sun: &Sun) -> Value {
+    let intensity = sun.irradiance.into_iter().fold(0.0, f64::max);
+    let colour = if intensity > 0.0 { sun.irradiance.map(|h| h / intensity) } else { [1.0; 3] };
+    json!({
+        "type": "directional",
+        "color": colour,
+        "intensity": intensity,
+        "extras": { "antirad": { "angular_diameter": sun.angular_diameter } },
+    })
 }
 
 fn lens(camera: &Camera) -> Value {

@@ -2,7 +2,7 @@
 
 use super::ply;
 use antirad_base::output::{OutputError, atomic_write};
-use antirad_scene::{Camera, Material, Scene};
+use antirad_scene::{Camera, Material, Scene, Sun};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::io::Write;
@@ -12,6 +12,7 @@ pub fn write(scene: &Scene, path: &Path) -> Result<(), OutputError> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut text = String::from("<scene version=\"3.0.0\">\n    <integrator type=\"path\"/>\n");
     scene.cameras.iter().for_each(|camera| text += &sensor(camera));
+    scene.suns.iter().for_each(|sun| text += &directional(sun));
     let used: std::collections::BTreeSet<u32> = scene.triangles.iter().map(|t| t.material).collect();
     for &index in &used {
         text += &bsdf(index, &scene.materials[index as usize]);
@@ -80,6 +81,15 @@ fn shape(mesh: &str, file: &str, index: u32, material: &Material) -> String {
         escaped(mesh),
         escaped(&material.name),
         escaped(file)
+    )
+}
+
+/// All light of a sun comes from its middle there.
+fn directional(sun: &Sun) -> String {
+    let [x, y, z] = sun.travels().to_array();
+    format!(
+        "    <emitter type=\"directional\"><vector name=\"direction\" value=\"{x:?}, {y:?}, {z:?}\"/>{}</emitter>\n",
+        rgb("irradiance", sun.irradiance)
     )
 }
 

@@ -20,6 +20,7 @@ use serde_json::json;
 
 use self::accessor::Accessors;
 use self::buffers::Buffers;
+use self::lights::Represented;
 use self::materials::Materials;
 use super::Camera;
 use super::error::SceneError;
@@ -194,8 +195,8 @@ impl Reader<'_> {
         if let Some(light) = node.light() {
             let name = node.name().or(light.name()).map_or(format!("light {}", light.index()), str::to_owned);
             match lights::read(name, &light, place) {
-                Some(light) => self.lights.push(light),
-                None => self.ignore("directional lights"),
+                Represented::Lamp(light) => self.lights.push(light),
+                Represented::Sun(sun) => self.contents.suns.push(sun),
             }
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! Emitters that are no shapes: skies, and lights from points.
+//! Emitters that are no shapes: skies, suns, and lights from points.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -7,9 +7,9 @@ use glam::{DMat3, DMat4, DVec3};
 use super::Reader;
 use super::element::Element;
 use super::spectrum::Of;
-use crate::Sky;
 use crate::error::SceneError;
 use crate::point_lights::PointLight;
+use crate::{Sky, Sun};
 
 impl<'a> Reader<'a> {
     /// An emitter that is no shape.
@@ -37,6 +37,13 @@ impl<'a> Reader<'a> {
                     .map_err(|message| node.wrong(format!("{} {message}", file.display())))?
             }
             "point" | "spot" => return self.light(node),
+            "directional" => return self.directional(node),
+            "sun" | "sunsky" => {
+                self.ignore(format!(
+                    "<emitter type=\"{kind}\">, for which [sun] and [sky] of a scene file may stand"
+                ));
+                return Ok(());
+            }
             _ => {
                 self.ignore(format!("<emitter type=\"{kind}\">"));
                 return Ok(());
@@ -45,6 +52,17 @@ impl<'a> Reader<'a> {
         if self.contents.sky.replace(sky).is_some() {
             self.ignore("all emitters from afar but the last".to_owned());
         }
+        Ok(())
+    }
+
+    /// Parallel light.
+    fn directional(&mut self, node: &'a Element) -> Result<(), SceneError> {
+        let irradiance = self.values.colour(node, "irradiance", Of::Emission, &mut self.ignored)?;
+        let along = self.place(node)?.transform_vector3(DVec3::Z);
+        let direction = self.values.point(node, "direction")?.unwrap_or(along);
+        let sun = Sun::new(direction, irradiance.unwrap_or([1.0; 3]));
+        sun.check().map_err(|message| node.wrong(message))?;
+        self.contents.suns.push(sun);
         Ok(())
     }
 
