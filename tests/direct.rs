@@ -2,10 +2,12 @@
 
 mod support;
 
+use antirad::backend::Backend;
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::ranks::Ranks;
-use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, Sky, Triangle};
+use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, Sky, Sun, Triangle};
+use antirad::{Engine, SolveParams};
 use antirad_core::direct::{DirectLight, Lamp, Visibility, lamps};
 use antirad_core::model::Facet;
 use glam::{DAffine3, DVec3};
@@ -95,6 +97,20 @@ fn agrees(name: &str, scene: &Scene) {
         assert!(difference <= allowed, "{name}, triangle {i}: {} and {:?}", found[0], truth);
     }
     println!("{name}: {} triangles, up to {brightest:.3} W/m²", scene.triangles.len());
+}
+
+/// Where penumbras are far narrower than triangles: relative L2 norm, without the noise of the truth.
+fn agrees_on_average(name: &str, scene: &Scene) {
+    let (found, _) = direct(scene);
+    let truth = PathTracer::new(scene).irradiance(4096);
+    let (mut error, mut all) = (0.0, 0.0);
+    for ((found, truth), area) in found.iter().zip(&truth).zip(areas(scene)) {
+        error += area * ((DVec3::from(*found) - truth.mean).length_squared() - truth.error.length_squared());
+        all += area * truth.mean.length_squared();
+    }
+    let error = (error.max(0.0) / all).sqrt();
+    println!("{name}: {:.2} %", 100.0 * error);
+    assert!(error <= 0.02, "{name}: {error:e}");
 }
 
 #[test]
@@ -286,7 +302,7 @@ fn a_globe_lights_by_the_square_of_its_distance() {
     });
     let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
     let lamps = lamps(&scene, &facets, 1e-7);
-    let area: f64 = lamps[0].triangles.iter().map(|&i| facets[i as usize].area).sum();
+    let area: f64 = lamps[0].triangles().iter().map(|&i| facets[i as usize].area).sum();
     let light = DirectLight::of_points(&facets, lamps, Visibility::Exact, |i| scene.material(i));
     // The silhouette of a convex solid has a quarter of its area, on average over all directions.
     let squared = area / (4.0 * PI);
@@ -456,5 +472,143 @@ fn a_picture_of_a_sky_lights_from_where_it_is_bright() {
         let expected = if normal.x > 0.5 { 100.0 * solid_angle } else { 0.0 };
         let spread = if normal.x > 0.5 { 0.15 * expected } else { 0.3 * 100.0 * solid_angle };
         assert!((irradiance - expected).abs() <= spread, "{normal}: {irradiance}, not {expected}");
+    }
+}
+
+/// E cosθ on whatever faces it, nothing on backs.
+#[test]
+fn a_sun_lights_by_the_cosine() {
+    for (direction, diameter) in
+        [(DVec3::NEG_Y, 0.53), (DVec3::new(2.0, -1.0, 0.3), 0.01), (DVec3::new(-0.1, -0.2, 0.1), 40.0)]
+    {
+        let mut scene = over_a_floor(|b, black| {
+            b.shape(
+                "side",
+                Shape::Quad { cells: 2 },
+                black,
+                at(0.0, -1.0, 0.0) * DAffine3::from_rotation_x(2.1),
+            );
+        });
+        let sun = Sun { angular_diameter: diameter, ..Sun::new(direction, [7.0, 1.0, 0.0]) };
+        scene.add_sun(sun).expect("a sun");
+        let (found, lamps) = direct(&scene);
+        assert_eq!(lamps, 1);
+        for (i, found) in found.iter().enumerate() {
+            let cosine = -scene.area_vector(i).normalize().dot(direction.normalize());
+            // What is below the floor may be in its shadow.
+            if i < 72 {
+                let error = (found[0] - 7.0 * cosine).abs().max((found[1] - cosine).abs()) + found[2];
+                assert!(error <= 1e-8, "{direction}: {found:?}, not {cosine}");
+            } else if cosine < -0.4 {
+                assert_eq!(*found, [0.0; 3]);
+            }
+        }
+    }
+}
+
+/// Beside the edge of a roof, the part of the disc that a point sees: a great circle through the edge cuts it off.
+#[test]
+fn the_penumbra_of_a_sun_is_as_wide_as_its_disc() {
+    let black = Material::named("black");
+    for diameter in [0.53_f64, 10.0] {
+        let mut scene = SceneBuilder::new()
+            .shape("floor", Shape::Quad { cells: 1 }, &black, at(-2.0, 0.0, -2.0) * sized(4.0))
+            .shape("roof", Shape::Quad { cells: 2 }, &black, at(-4.0, 1.0, -2.0) * sized(4.0))
+            .finish("roof")
+            .expect("a scene");
+        scene.add_sun(Sun { angular_diameter: diameter, ..Sun::new(DVec3::NEG_Y, [1.0; 3]) }).expect("a sun");
+        let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
+        let material = |i| scene.material(i);
+        let light =
+            DirectLight::of_points(&facets, lamps(&scene, &facets, 1e-7), Visibility::Exact, material);
+        let radiance = light.radiance(material)[0].x;
+        let limb = (0.5 * diameter).to_radians().sin();
+        for step in -12..=12 {
+            let x = 0.1 * f64::from(step) * limb.asin().tan();
+            let found = light.at_points(&facets, 0, &[DVec3::new(x, 0.0, 0.05)])[0][0].y * radiance;
+            // Seen along the axis, the circle is half an ellipse.
+            let slope = x / x.hypot(1.0);
+            let count = 4000;
+            let part = |k: u32| {
+                let y = limb * (2.0 * (f64::from(k) + 0.5) / f64::from(count) - 1.0);
+                let [disc, edge] = [limb, 1.0].map(|radius| (radius * radius - y * y).max(0.0).sqrt());
+                (disc + (slope * edge).clamp(-disc, disc)) / f64::from(count) / (0.5 * PI * limb)
+            };
+            let truth: f64 = (0..count).map(part).sum();
+            assert!((found - truth).abs() <= 3e-3, "{diameter}°, {x}: {found}, not {truth}");
+        }
+    }
+}
+
+/// Walls have nothing behind them, and hide a sun all the same; a sky stands behind it.
+#[test]
+fn a_sun_shines_through_a_window_and_before_a_sky() {
+    let black = Material::named("black");
+    let turned = DAffine3::from_rotation_z(std::f64::consts::FRAC_PI_2);
+    let mut room = over_a_floor(|b, black| {
+        b.shape("ceiling", Shape::Quad { cells: 1 }, black, at(0.0, 1.0, 0.0) * sized(2.0) * DOWN);
+        for ([low, high], [near, far]) in [
+            ([0.0, 0.3], [0.0, 2.0]),
+            ([0.7, 1.0], [0.0, 2.0]),
+            ([0.3, 0.7], [0.0, 0.8]),
+            ([0.3, 0.7], [1.3, 2.0]),
+        ] {
+            let size = DAffine3::from_scale(DVec3::new(high - low, 1.0, far - near));
+            b.shape("wall", Shape::Quad { cells: 2 }, black, at(2.0, low, near) * turned * size);
+        }
+    });
+    let sun = |diameter: f64| Sun {
+        angular_diameter: diameter,
+        ..Sun::new(DVec3::new(-1.0, -0.7, 0.1), [10.0, 5.0, 2.0])
+    };
+    room.add_sun(sun(3.0)).expect("a sun");
+    agrees_on_average("a window", &room);
+    let lit = direct(&room).0.iter().filter(|h| h[0] > 0.0).count();
+    assert!((10..50).contains(&lit), "{lit} triangles are lit");
+    room.suns[0].angular_diameter = 0.53;
+    room.add_sun(sun(20.0)).expect("another sun");
+    agrees_on_average("a window and two suns", &room);
+
+    let mut ball = SceneBuilder::new()
+        .shape("floor", Shape::Quad { cells: 4 }, &black, sized(2.0))
+        .shape("ball", Shape::Icosphere { level: 1, inward: false }, &black, at(1.0, 0.5, 1.0) * sized(0.3))
+        .finish("ball")
+        .expect("a scene");
+    ball.add_sky(&Sky::uniform([0.5; 3]));
+    ball.add_sun(sun(2.0)).expect("a sun");
+    agrees_on_average("a sky and a sun", &ball);
+    // By rays as exactly.
+    let facets: Vec<Facet> = (0..ball.triangles.len()).map(|i| Facet::new(ball.corners(i))).collect();
+    let [exact, sampled] = [Visibility::Exact, Visibility::Sampled]
+        .map(|visibility| computed(&ball, &facets, lamps(&ball, &facets, 1e-7), visibility).sunlight());
+    let brightest = exact.iter().map(|h| h.x).fold(0.0, f64::max);
+    for (i, (a, b)) in exact.iter().zip(&sampled).enumerate() {
+        assert!((*a - *b).abs().max_element() <= 0.1 * brightest, "{i}: {b}, not {a}");
+    }
+}
+
+/// All light that arrives is accounted for, whatever else emits.
+#[test]
+fn light_of_suns_is_part_of_the_energy() {
+    let grey = Material { albedo: [0.5; 3], ..Material::named("grey") };
+    let mut scene = SceneBuilder::new()
+        .shape("floor", Shape::Quad { cells: 2 }, &grey, sized(2.0))
+        .finish("floor")
+        .expect("a scene");
+    scene.add_sun(Sun::new(DVec3::new(0.0, -3.0, 4.0), [10.0, 20.0, 0.0])).expect("a sun");
+    for lamps in [Lamps::Auto, Lamps::Antiradiance] {
+        let backend = Backend::cpu();
+        let settings = scene.settings.lamps(lamps);
+        let plan = Plan::new(&scene, &PlanOptions::of(&backend), &settings).expect("a plan");
+        assert!(plan.report().to_string().contains("direct light of 1 lamp"), "{}", plan.report());
+        let mut engine = Engine::new(&backend, &scene, plan).expect("an engine");
+        let energy = engine.solve(&SolveParams::default()).expect("a solution").energy;
+        // 4 m² at a cosine of 0.6, half of which is reflected.
+        for (found, expected) in [(energy.emitted, [24.0, 48.0, 0.0]), (energy.absorbed, [12.0, 24.0, 0.0])] {
+            assert!(
+                found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6),
+                "{found:?}, not {expected:?}"
+            );
+        }
     }
 }

@@ -367,6 +367,8 @@ impl Solution {
 pub struct Gradients {
     /// By emitted radiance, float64 (T, 3) or (M, 3), per W/(m² sr).
     emission: Option<Py<PyAny>>,
+    /// By the irradiance of each sun, float64 (S, 3), per W/m²; with those by emission.
+    suns: Option<Py<PyAny>>,
     /// By the albedo ρ, float64 (T, 3) or (M, 3).
     albedo: Option<Py<PyAny>>,
     /// By the specular constant σ, float64 (T, 3) or (M, 3).
@@ -383,7 +385,7 @@ pub struct Gradients {
 
 impl Gradients {
     pub fn of(py: Python<'_>, gradient: SceneGradient) -> PyResult<Self> {
-        let SceneGradient { emission, diffuse, albedo, specular, power, positions, cameras } = gradient;
+        let SceneGradient { emission, suns, diffuse, albedo, specular, power, positions, cameras } = gradient;
         let rows =
             |of: Option<Vec<DVec3>>| of.map(|of| PyResult::Ok(arrays::points(py, of)?.unbind())).transpose();
         let numbers =
@@ -399,6 +401,7 @@ impl Gradients {
         });
         Ok(Self {
             emission: rows(emission)?,
+            suns: rows(suns)?,
             albedo: rows(albedo)?,
             specular: rows(specular)?,
             diffuse: numbers(diffuse)?,
@@ -427,6 +430,7 @@ impl Gradients {
         };
         let per_triangle = SceneGradient {
             emission: rows("emission", &self.emission)?,
+            suns: None,
             albedo: rows("albedo", &self.albedo)?,
             specular: rows("specular", &self.specular)?,
             diffuse: numbers("diffuse", &self.diffuse)?,
@@ -435,8 +439,9 @@ impl Gradients {
             cameras: None,
         };
         let sums = Self::of(py, per_triangle.by_material(&scene.inner))?;
-        let (vertices, camera) = (&self.vertices, &self.camera);
+        let (suns, vertices, camera) = (&self.suns, &self.vertices, &self.camera);
         Ok(Self {
+            suns: suns.as_ref().map(|of| of.clone_ref(py)),
             vertices: vertices.as_ref().map(|of| of.clone_ref(py)),
             camera: camera.as_ref().map(|of| of.clone_ref(py)),
             ..sums

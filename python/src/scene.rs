@@ -5,7 +5,7 @@ use crate::errors::{OrRaise, invalid, word};
 use crate::work;
 use antirad::export::{Format, export};
 use antirad::glam::DVec3;
-use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Orient, Sky, Triangle};
+use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Orient, Sky, Sun, Triangle};
 use antirad::target_error::usual_settings;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyRange};
@@ -372,6 +372,26 @@ impl Scene {
         Ok(Self::of(scene))
     }
 
+    /// The scene in the light of one more sun, which comes from one direction, beyond everything. It is not seen itself.
+    ///
+    /// Args:
+    ///     direction: The direction in which light travels, (3,), of any length: (0, -1, 0) from the zenith.
+    ///     irradiance: Of a surface that faces the sun; one number or RGB, W/m².
+    ///     angular_diameter: The angle at which it is seen, degrees, from 0.01 to 90.
+    ///
+    /// Raises:
+    ///     SceneError: A value is out of range.
+    #[pyo3(signature = (direction, irradiance, *, angular_diameter=Sun::DIAMETER),
+        text_signature = "($self, direction, irradiance, *, angular_diameter=0.53)")]
+    fn with_sun(&self, direction: [f64; 3], irradiance: Triple, angular_diameter: f64) -> PyResult<Self> {
+        let sun = Sun { angular_diameter, ..Sun::new(direction.into(), irradiance.into()) };
+        let mut scene = scene::Scene::clone(&self.inner);
+        scene.add_sun(sun).or_raise()?;
+        scene.warnings.clear();
+        scene.check(false).or_raise()?;
+        Ok(Self::of(scene))
+    }
+
     /// Writes the scene as a TOML file with its meshes and materials beside it.
     ///
     /// Raises:
@@ -608,6 +628,13 @@ impl Scene {
         self.inner.cameras.iter().map(|camera| Camera { inner: camera.clone() }).collect()
     }
 
+    /// Direction, irradiance (RGB, W/m²) and angular diameter (degrees) of each sun, as for `with_sun`.
+    #[getter]
+    fn suns(&self) -> Vec<(Rgb, Rgb, f64)> {
+        let values = |sun: &Sun| (sun.direction.into(), sun.irradiance.into(), sun.angular_diameter);
+        self.inner.suns.iter().map(values).collect()
+    }
+
     /// Name and triangles of each mesh.
     #[getter]
     fn meshes<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyRange>)>> {
@@ -666,6 +693,9 @@ impl Scene {
         format!("<Scene {name:?}: {triangles} triangles, {materials} materials, {cameras} cameras>")
     }
 }
+
+/// Three numbers, as a tuple.
+type Rgb = (f64, f64, f64);
 
 fn distinct(cameras: Vec<PyRef<Camera>>) -> PyResult<Vec<scene::Camera>> {
     let cameras: Vec<scene::Camera> = cameras.iter().map(|camera| camera.inner.clone()).collect();

@@ -156,6 +156,20 @@ def test_pictures_are_written_and_read(tmp_path):
         antirad.read_picture(tmp_path / "b.png")
 
 
+def test_a_sun_lights_a_floor():
+    black = antirad.Material("black")
+    floor = antirad.Scene.from_arrays([[0, 0, 0], [0, 0, 1], [1, 0, 0]], [[0, 1, 2]], [black])
+    lit = floor.with_sun([0, -2, 0], [1, 2, 3], angular_diameter=1)
+    assert lit.suns == [((0, -2, 0), (1, 2, 3), 1)]
+    engine = antirad.Engine(lit, gradients=["emission"])
+    solution = engine.solve()
+    np.testing.assert_allclose(solution.irradiance[0], [1, 2, 3], rtol=1e-6)
+    gradients = engine.backward(solution, irradiance=np.ones((1, 3))).by_material(lit)
+    np.testing.assert_allclose(gradients.suns, [[1, 1, 1]], rtol=1e-6)
+    with pytest.raises(antirad.SceneError, match="irradiance is -1"):
+        floor.with_sun([0, -1, 0], -1)
+
+
 def test_a_sky_lights_a_floor():
     black = antirad.Material("black")
     floor = antirad.Scene.from_arrays([[0, 0, 0], [0, 0, 1], [1, 0, 0]], [[0, 1, 2]], [black])

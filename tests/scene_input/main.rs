@@ -19,6 +19,7 @@ mod save;
 mod scene_file;
 mod shipped;
 mod sky;
+mod sun;
 mod textures;
 
 use antirad::scene::{LoadOptions, Scene, SceneError};

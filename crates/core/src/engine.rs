@@ -146,6 +146,14 @@ pub enum EngineError {
     /// The scene cannot be solved.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// A new sun needs channels that were not planned.
+    #[error(
+        "sun {sun} has a colour, which was not planned: call Engine::rebuilt, or plan a scene that has it"
+    )]
+    ColouredSun {
+        /// Its place in [`Scene::suns`], from 0.
+        sun: usize,
+    },
     /// The solution belongs to another engine, or to this one before [`Engine::rebuilt`].
     #[error(
         "the solution belongs to another engine, which orders its values differently: use that engine, or solve here, \
@@ -180,11 +188,12 @@ pub enum EngineError {
     },
 }
 
-/// The unit of light on the device: the power of two at or below the brightest emission. Transport is linear, so this
-/// changes no digit, and it keeps f32 values and their squares in range however bright the lamps are.
+/// The unit of light on the device: the power of two at or below the brightest emission, or what a white surface reflects of a sun.
+/// Transport is linear, so this changes no digit, and it keeps f32 values and their squares in range however bright the lamps are.
 fn light_unit(scene: &Scene) -> f64 {
     let emissions = (0..scene.triangles.len()).flat_map(|i| scene.material(i).emission);
-    power_of_two(emissions.fold(0.0, |most, value| most.max(value.abs())))
+    let suns = scene.suns.iter().flat_map(|sun| sun.irradiance.map(|h| h / PI));
+    power_of_two(emissions.chain(suns).fold(0.0, |most, value| most.max(value.abs())))
 }
 
 /// Relative rounding error of a pass: sums over thousands of pairs.
@@ -244,7 +253,7 @@ impl From<&SolveSettings> for SolveParams {
 /// Energy balance, RGB, W.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Energy {
-    /// Emitted by all fronts.
+    /// Emitted by all fronts, and what fronts receive straight from suns.
     pub emitted: [f64; 3],
     /// Incident on fronts and not reflected.
     pub absorbed: [f64; 3],
@@ -519,12 +528,12 @@ impl Engine {
         self.replace_materials(scene)
     }
 
-    /// Replaces the materials as [`Engine::set_materials`] does, but accepts negative emission. Light is
-    /// linear in emission, so that differences of scenes can be solved, too (finite differences, least
+    /// Replaces the materials as [`Engine::set_materials`] does, but accepts negative emission and negative irradiance
+    /// by suns. Light is linear in both, so that differences of scenes can be solved, too (finite differences, least
     /// squares).
     ///
     /// # Errors
-    /// Fails as [`Engine::set_materials`] does, except for negative emission.
+    /// Fails as [`Engine::set_materials`] does, except for negative light.
     pub fn set_linear_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
         scene.validate_linear()?;
         self.replace_materials(scene)
@@ -541,11 +550,9 @@ impl Engine {
         self.unit = light_unit(scene);
         let lamps = lamps_of(scene, self.direct.light.lamps());
         let plan = self.operators.plan();
-        self.direct = match lamps == self.direct.light.lamps() {
-            true => Direct::new(self.direct.light.clone(), scene, plan, &self.direct.lobes),
-            false => {
-                Direct::new(Arc::new(direct_light(&self.backend, scene, plan, lamps)?), scene, plan, &[])
-            }
+        self.direct = match self.direct.light.relit(&lamps) {
+            Some(light) => Direct::new(light, scene, plan, &self.direct.lobes),
+            None => Direct::new(Arc::new(direct_light(&self.backend, scene, plan, lamps)?), scene, plan, &[]),
         }?;
         let emitted = self.direct.emitted(scene);
         let first_bounce = self.direct.first_bounce(scene, plan, self.unit);
@@ -569,9 +576,10 @@ impl Engine {
         drop(operators);
         let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
         let lamps = lamps_of(scene, &plan.lamps);
-        let direct = match lamps == direct.light.lamps() && plan.facets.len() == direct.light.receivers() {
-            true => direct.light.moved(&plan.facets)?,
-            false => direct_light(&backend, scene, &plan, lamps)?,
+        let light = direct.light.relit(&lamps).filter(|light| light.receivers() == plan.facets.len());
+        let direct = match light {
+            Some(light) => light.moved(&plan.facets)?,
+            None => direct_light(&backend, scene, &plan, lamps)?,
         };
         Self::with_direct(&backend, scene, plan, direct)
     }
@@ -789,11 +797,12 @@ impl Engine {
     fn energy(&self, irradiance: &[[f64; 3]], radiosity: &[[f64; 3]]) -> Energy {
         let plan = self.operators.plan();
         let metres = 1.0 / plan.placement.scale.powi(2);
+        let sunlight = self.direct.light.sunlight();
         let (mut emitted, mut absorbed) = (DVec3::ZERO, DVec3::ZERO);
         for (i, facet) in plan.facets.iter().enumerate().filter(|(_, f)| f.area > 0.0) {
             let area = facet.area * metres;
             let reflected = DVec3::from(radiosity[i]) - exitance(&self.materials[i]);
-            emitted += area * exitance(&self.materials[i]);
+            emitted += area * (exitance(&self.materials[i]) + sunlight[i]);
             absorbed += area * (DVec3::from(irradiance[i]) - reflected);
         }
         let (emitted, absorbed, escaped) = (emitted.into(), absorbed.into(), (emitted - absorbed).into());
@@ -809,6 +818,9 @@ fn check_planned(plan: &Plan, scene: &Scene) -> Result<(), EngineError> {
     }
     if let Some(triangle) = plan.moved_triangle(scene) {
         return Err(EngineError::OtherGeometry { triangle });
+    }
+    if let Some(sun) = scene.suns.iter().position(|sun| plan.channels == 1 && !sun.is_grey()) {
+        return Err(EngineError::ColouredSun { sun });
     }
     for triangle in 0..given {
         let material = scene.material(triangle);

@@ -1,7 +1,7 @@
 //! The light that comes straight from lamps, in an engine: what it adds to irradiance, to what triangles send into U, and to what is
 //! seen of them.
 
-use crate::direct::{DirectLight, Lamp, at};
+use crate::direct::{DirectLight, Lamp, Polygon, at, suns};
 use crate::engine::Engine;
 use crate::plan::{PADDING, Plan};
 use antirad_base::ranks::RankError;
@@ -99,15 +99,16 @@ fn lobes(light: &DirectLight, scene: &Scene, plan: &Plan, known: &[Lobes]) -> Re
     Ok(glossy.into_iter().map(of).collect())
 }
 
-/// Lamps, and triangles of their own for those whose triangles no longer emit the same.
+/// Lamps, and triangles of their own for those whose triangles no longer emit the same; and the suns of now.
 pub(crate) fn lamps_of(scene: &Scene, lamps: &[Lamp]) -> Vec<Lamp> {
     let emission = |&i: &u32| scene.material(i as usize).emission;
-    let uniform = |lamp: &Lamp| lamp.triangles.iter().all(|i| emission(i) == emission(&lamp.triangles[0]));
-    let split = |lamp: &Lamp| match uniform(lamp) {
-        true => vec![lamp.clone()],
-        false => lamp.triangles.iter().map(|&i| Lamp::single(i)).collect(),
+    let uniform =
+        |surface: &Polygon| surface.triangles.iter().all(|i| emission(i) == emission(&surface.triangles[0]));
+    let split = |surface: &Polygon| match uniform(surface) {
+        true => vec![Lamp::Surface(surface.clone())],
+        false => surface.triangles.iter().map(|&i| Lamp::single(i)).collect(),
     };
-    lamps.iter().flat_map(split).collect()
+    lamps.iter().filter_map(Lamp::surface).flat_map(split).chain(suns(scene)).collect()
 }
 
 impl Engine {
@@ -119,7 +120,7 @@ impl Engine {
 
     /// The triangles of lamps whose fronts face a point, metres.
     pub(crate) fn lamp_triangles_facing(&self, point: DVec3) -> impl Iterator<Item = usize> + '_ {
-        let triangles = self.direct.light.lamps().iter().flat_map(|lamp| &lamp.triangles);
+        let triangles = self.direct.light.lamps().iter().flat_map(Lamp::triangles);
         triangles.map(|&i| i as usize).filter(move |&i| self.faces(i, point))
     }
 

@@ -1,5 +1,6 @@
 //! Derivatives of a loss, by the adjoint of the light equation.
 
+use crate::direct::Lamp;
 use crate::engine::{Engine, EngineError, Solution, SolveParams, check_position, power_of_two, rounding};
 use crate::model::FacetGradient;
 use crate::plan::{GradientRequest, PADDING, PlannedSolver};
@@ -49,6 +50,8 @@ setters!(Cotangent {
 pub struct Gradients {
     /// With respect to L_e, RGB, per triangle. Triangles without area have zero everywhere.
     pub emission: Option<Vec<DVec3>>,
+    /// With respect to the irradiance of each sun, RGB, per W/m²; requested with emission.
+    pub suns: Option<Vec<DVec3>>,
     /// With respect to the diffuse constant δ, per triangle.
     pub diffuse: Option<Vec<f64>>,
     /// With respect to the albedo ρ, RGB, per triangle.
@@ -218,7 +221,7 @@ impl Engine {
         });
         let emission = request.emission.then(|| {
             let mut emission = of_radiance.clone();
-            for &i in self.direct.light.lamps().iter().flat_map(|lamp| &lamp.triangles) {
+            for &i in self.direct.light.lamps().iter().flat_map(Lamp::triangles) {
                 emission[i as usize] = steepness * direct.emission[i as usize];
             }
             emission
@@ -241,6 +244,7 @@ impl Engine {
                 None => vec![0.0; of_radiance.len()],
             }),
             emission,
+            suns: request.emission.then(|| direct.suns.iter().map(|by| steepness * *by).collect()),
             vertices: corners.as_ref().map(|corners| self.vertex_gradients(corners)),
             corners,
             camera_positions: request.camera.then(|| {

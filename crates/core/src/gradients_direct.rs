@@ -13,6 +13,8 @@ use std::f64::consts::PI;
 pub(crate) struct DirectGradients {
     /// Per triangle; that of lamps is complete, without what is emitted into U.
     pub emission: Vec<DVec3>,
+    /// Per sun, by its irradiance.
+    pub suns: Vec<DVec3>,
     pub specular: Vec<DVec3>,
     pub power: Vec<f64>,
     pub facets: Vec<FacetGradient>,
@@ -48,6 +50,7 @@ impl Engine {
         let light = &self.direct.light;
         let mut sums = DirectGradients {
             emission: vec![DVec3::ZERO; triangles],
+            suns: Vec::new(),
             specular: vec![DVec3::ZERO; triangles],
             power: vec![0.0; triangles],
             facets: vec![FacetGradient::default(); triangles],
@@ -82,6 +85,7 @@ impl Engine {
             }
         }
         self.set_lamp_emission(cotangent, &by_lamps, &mut sums.emission);
+        sums.suns = light.by_suns(&by_lamps);
         Ok(sums)
     }
 
@@ -100,8 +104,8 @@ impl Engine {
     fn set_lamp_emission(&self, cotangent: &Cotangent, by_lamps: &[DVec3], emission: &mut [DVec3]) {
         let facets = self.plan().facets();
         for (lamp, by_light) in self.direct.light.lamps().iter().zip(by_lamps) {
-            let area: f64 = lamp.triangles.iter().map(|&i| facets[i as usize].area).sum();
-            for i in lamp.triangles.iter().map(|&i| i as usize) {
+            let area: f64 = lamp.triangles().iter().map(|&i| facets[i as usize].area).sum();
+            for i in lamp.triangles().iter().map(|&i| i as usize) {
                 let radiosity = cotangent.radiosity.as_ref().map_or(DVec3::ZERO, |values| PI * values[i]);
                 emission[i] = radiosity + *by_light * (facets[i].area / area);
             }

@@ -20,6 +20,7 @@ use antirad_scene::{Choice, Scene, SceneError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
+use std::f64::consts::PI;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -603,9 +604,10 @@ fn step(
     Ok((Record::of(progress.iteration() + 1, &step, passes), step.progress))
 }
 
-/// A typical radiance of lamps: the maximum in the scene's emission or a target.
+/// A typical radiance of lamps: the maximum in the scene's emission, of what suns light, or in a target.
 fn brightness(scene: &Scene, targets: &[Target]) -> f64 {
-    let emitted = scene.materials.iter().flat_map(|m| m.emission).fold(0.0, f64::max);
+    let suns = scene.suns.iter().flat_map(|sun| sun.irradiance.map(|h| h / PI));
+    let emitted = scene.materials.iter().flat_map(|m| m.emission).chain(suns).fold(0.0, f64::max);
     let seen = |target: &Target| {
         let pixels = target.pixels.iter().enumerate().filter(|(at, _)| target.mask_at(*at) > 0.0);
         pixels.map(|(_, pixel)| pixel.max_element()).fold(0.0, f64::max)
@@ -620,7 +622,7 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
     let vertices: Vec<[f64; 3]> = scene.vertices.iter().map(|v| v.to_array()).collect();
     let triangles: Vec<([u32; 3], u32)> = scene.triangles.iter().map(|t| (t.vertices, t.material)).collect();
     // `Debug` prints all digits of a number.
-    let rest = format!("{:?} {:?} {:?}", scene.meshes, scene.materials, scene.settings);
+    let rest = format!("{:?} {:?} {:?} {:?}", scene.meshes, scene.materials, scene.suns, scene.settings);
     identity.add("the scene", &(vertices, triangles, rest))?;
     for (number, target) in targets.iter().enumerate() {
         let what = format!("target {} (camera \"{}\")", number + 1, target.camera.name);

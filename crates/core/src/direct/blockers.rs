@@ -1,14 +1,15 @@
 //! What may stand between a point and a lamp: triangles with others before and behind them, from both sides, those in one plane as convex
-//! polygons.
+//! polygons. Suns are beyond everything, so that they are blocked by outermost triangles, too.
 
 use super::lamps::Lamp;
 use super::polygon::{Polygon, connected, farthest, in_plane, mean, merged};
 use super::shaft::Shaft;
 use super::visible::{Geometry, Placed};
 use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
-use antirad_scene::Welded;
+use antirad_scene::{Welded, bounds};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Triangles per leaf of the search.
 const LEAF: usize = 4;
@@ -44,22 +45,37 @@ pub struct Blockers {
     first_twins: Vec<u32>,
     /// Height up to which a point counts as in a plane.
     tolerance: f64,
+    /// A distance from any triangle beyond which there is none.
+    far: f64,
 }
 
 impl Blockers {
     /// What may block lamps: nothing where there are none.
     pub fn of(facets: &[Facet], lamps: &[Lamp]) -> Self {
-        Self::new(if lamps.is_empty() { &[] } else { facets })
+        match lamps.iter().find_map(Lamp::sun) {
+            _ if lamps.is_empty() => Self::new(&[]),
+            None => Self::new(facets),
+            Some(disc) => {
+                // Walls of a room stand between suns and what is in it.
+                let blocks = |i: &u32| facets[*i as usize].area > 0.0 && !disc.is_before(*i);
+                Self::among(facets, (0..facets.len() as u32).filter(blocks).collect())
+            }
+        }
     }
 
     /// Nothing that blocks, in a scene of some triangles.
     pub fn none(facets: &[Facet]) -> Self {
-        Self { tolerance: coplanar_tolerance(facets), ..Self::new(&[]) }
+        Self { tolerance: coplanar_tolerance(facets), far: beyond(facets), ..Self::new(&[]) }
     }
 
+    /// What may block lamps within a scene.
     pub fn new(facets: &[Facet]) -> Self {
+        Self::among(facets, in_between(facets, coplanar_tolerance(facets)))
+    }
+
+    /// What some triangles block, by their numbers.
+    fn among(facets: &[Facet], solid: Vec<u32>) -> Self {
         let tolerance = coplanar_tolerance(facets);
-        let solid = in_between(facets, tolerance);
         let same = |i, j| in_plane(facets, [i, j], PARALLEL, FLAT * tolerance);
         let mut polygons: Vec<Polygon> = Vec::new();
         connected(facets, &solid, FLAT * tolerance, same)
@@ -86,7 +102,13 @@ impl Blockers {
         let moments = polygons.iter().map(|polygon| moments(facets, polygon)).collect();
         let order = spatial_order(&fan_facets);
         let tree = Hierarchy::new(&fan_facets, &order, LEAF, tolerance);
-        Self { polygons, moments, triangles, fans, order, tree, twins, first_twins, tolerance }
+        let far = beyond(facets);
+        Self { polygons, moments, triangles, fans, order, tree, twins, first_twins, tolerance, far }
+    }
+
+    /// A distance from any triangle beyond which there is none.
+    pub fn far(&self) -> f64 {
+        self.far
     }
 
     /// Height up to which a point counts as in a plane.
@@ -123,6 +145,11 @@ impl Blockers {
         &self.polygons[number as usize]
     }
 
+    /// Area of a polygon that [`Self::between`] has listed.
+    pub fn area(&self, number: u32) -> f64 {
+        self.moments[number as usize].0
+    }
+
     /// The polygons that may stand between some points of a plane and a lamp, the widest first; none that consists of several triangles
     /// crosses the plane of the lamp. `points[0]` and `normal` give the plane of the points. `None` if there are more than `most`, which
     /// is found out long before all are known.
@@ -135,21 +162,28 @@ impl Blockers {
         most: Option<usize>,
     ) -> Option<Vec<u32>> {
         let own = |p: u32| {
-            let triangles = lamp.lamp.solid.as_ref().map_or(&[][..], |solid| solid.triangles());
+            let triangles = lamp.lamp.solid().map_or(&[][..], |solid| solid.triangles());
             triangles.binary_search(&self.polygon(p).triangles[0]).is_ok()
         };
         let centre = mean(points);
-        let has_plane = lamp.lamp.solid.is_none();
-        // Silhouettes have planes of their own, behind the corner that is nearest.
+        // A sun goes along with each point.
+        let lamp_corners: Cow<[DVec3]> = match lamp.lamp.sun() {
+            Some(_) => {
+                points.iter().flat_map(|point| geometry.seen_from(lamp, *point).corners.clone()).collect()
+            }
+            None => Cow::Borrowed(&lamp.corners),
+        };
+        let has_plane = lamp.plane.is_some() && lamp.lamp.solid().is_none();
+        // Silhouettes have planes of their own, behind the corner that is nearest; so have suns.
         let (lamp_corner, lamp_normal) = match has_plane {
             true => (lamp.corners[0], lamp.normal),
             false => {
-                let to_points = (centre - mean(&lamp.corners)).normalize_or_zero();
-                (lamp.corners[farthest(&lamp.corners, to_points)], to_points)
+                let to_points = (centre - mean(&lamp_corners)).normalize_or_zero();
+                (lamp_corners[farthest(&lamp_corners, to_points)], to_points)
             }
         };
         let plane = has_plane.then_some(lamp.normal);
-        let shaft = Shaft::new(points, normal, &lamp.corners, plane, self.tolerance);
+        let shaft = Shaft::new(points, normal, &lamp_corners, plane, self.tolerance);
         let misses = |p: &u32| own(*p) || shaft.misses(geometry.corners(self.polygon(*p)));
         let under_lamp =
             |p: &Polygon| geometry.corners(p).any(|c| (c - lamp_corner).dot(lamp_normal) < -self.tolerance);
@@ -190,6 +224,12 @@ impl Blockers {
         found.sort_by(|(a, i), (b, j)| b.total_cmp(a).then(i.cmp(j)));
         most.is_none_or(|most| found.len() <= most).then(|| found.into_iter().map(|(_, p)| p).collect())
     }
+}
+
+/// A distance from any triangle beyond which there is none.
+fn beyond(facets: &[Facet]) -> f64 {
+    let (low, high) = bounds(facets.iter().flat_map(|facet| facet.corners));
+    if facets.is_empty() { 1.0 } else { 2.0 * (high - low).length() }
 }
 
 /// The triangles with some of the scene on either side of their planes. Others stand between no two points of it: walls of a room, say.

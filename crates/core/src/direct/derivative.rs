@@ -219,7 +219,9 @@ impl Sight<'_> {
     }
 
     fn lamp_side(&self, side: usize, moment: DVec3, out: &mut Contributions) -> DVec3 {
-        let outline = &self.lamp.lamp.outline;
+        // The outline of a sun stays where it is.
+        let Some(surface) = self.lamp.lamp.surface() else { return DVec3::ZERO };
+        let outline = &surface.outline;
         // The lamp's front is seen clockwise.
         let ends = [outline[(side + 1) % outline.len()], outline[side]];
         let normal = self.offset(ends[0]).cross(self.offset(ends[1]));
@@ -267,7 +269,9 @@ impl Sight<'_> {
         by_normal: DVec3,
         out: &mut Contributions,
     ) -> DVec3 {
-        let lamp_corner = self.lamp.lamp.corners[0];
+        // Nothing reaches the plane of a sun.
+        let Some(surface) = self.lamp.lamp.surface() else { return DVec3::ZERO };
+        let lamp_corner = surface.corners[0];
         let (l, lamp_normal) = (self.offset(lamp_corner), self.lamp.normal);
         let area_vector = (b - a).cross(c - a);
         let (lamp_height, height) = (-l.dot(lamp_normal), -area_vector.dot(a));

@@ -2,7 +2,8 @@
 //!
 //! What a point sees of a lamp is the lamp's cone of directions less the cones of all triangles in between. The rest is cut into
 //! convex cones, each of which Lambert's formula integrates exactly, so that there is no sampling noise, and the boundaries of what is
-//! visible move smoothly with every vertex. Only the mean over a receiver is a quadrature. Of a bulb a point sees the silhouette.
+//! visible move smoothly with every vertex. Only the mean over a receiver is a quadrature. Of a bulb a point sees the silhouette, and of
+//! a sun a polygon that moves with the point.
 
 mod blockers;
 mod cone;
@@ -16,11 +17,12 @@ mod sampling;
 mod shaft;
 mod solid;
 mod subtraction;
+mod sun;
 mod trapezoids;
 mod visible;
 
 pub use cone::vector_irradiance;
-pub use lamps::{FEW as FEW_LAMPS, Lamp, lamps};
+pub use lamps::{FEW as FEW_LAMPS, Lamp, lamps, suns};
 pub use polygon::Polygon;
 pub use sampling::{STEPS, mixed};
 
@@ -37,7 +39,9 @@ use rayon::prelude::*;
 use sampling::{FEW, Origin, Sampling, Share};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use sun::Disc;
 use visible::{Geometry, Placed, Visible};
 
 /// How much of a lamp a point sees.
@@ -144,7 +148,7 @@ impl DirectLight {
             let faced = placed.iter().enumerate().filter(|(_, lamp)| geometry.faces(receiver, lamp));
             for lamp in faced.take_while(|_| !too_much()) {
                 let between = Between::triangle(geometry, None, receiver, lamp);
-                quadrature::mean(usual[lamp.0], &mut |b: DVec3| {
+                quadrature::mean(usual[lamp.0], between.least_cuts(), &mut |b: DVec3| {
                     if too_much() {
                         return 0.0;
                     }
@@ -156,6 +160,16 @@ impl DirectLight {
         };
         probes.par_iter().for_each_init(Visible::default, of_probe);
         work()
+    }
+
+    /// The light of lamps at the same places, which may shine otherwise; `None` if some stand elsewhere.
+    pub fn relit(self: &Arc<Self>, lamps: &[Lamp]) -> Option<Arc<Self>> {
+        if self.lamps == lamps {
+            return Some(self.clone());
+        }
+        let in_place =
+            self.lamps.len() == lamps.len() && self.lamps.iter().zip(lamps).all(|(a, b)| a.is_at(b));
+        in_place.then(|| Arc::new(Self { lamps: lamps.to_vec(), ..(**self).clone() }))
     }
 
     /// Computes the light after vertices of triangles and lamps have moved, at the same sample points: a
@@ -189,7 +203,7 @@ impl DirectLight {
                 let mut irradiance =
                     |b: DVec3| between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
                 let (value, cuts) = match cuts {
-                    None => quadrature::mean(usual[l], &mut irradiance),
+                    None => quadrature::mean(usual[l], between.least_cuts(), &mut irradiance),
                     Some(cuts) => {
                         let cuts = cuts.get(&[receiver, l]).cloned().unwrap_or_default();
                         let samples = quadrature::samples(&cuts);
@@ -268,7 +282,7 @@ impl DirectLight {
         &self.factors[receiver * self.lamps.len()..(receiver + 1) * self.lamps.len()]
     }
 
-    /// Radiance of each lamp, W/(m² sr), from the material of each triangle.
+    /// Radiance of each lamp, W/(m² sr), of emitters from the material of each triangle.
     pub fn radiance<'a>(&self, material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
         radiance(&self.lamps, material)
     }
@@ -280,6 +294,20 @@ impl DirectLight {
         (0..self.receivers).map(of).collect()
     }
 
+    /// Derivatives of a loss by the irradiance of each sun, from those by the radiance of each lamp.
+    pub fn by_suns(&self, by_radiance: &[DVec3]) -> Vec<DVec3> {
+        let lamps = self.lamps.iter().zip(by_radiance);
+        lamps.filter_map(|(lamp, by)| Some(*by / lamp.sun()?.projected())).collect()
+    }
+
+    /// Irradiance of each triangle straight from suns, W/m², RGB: the part of [`Self::irradiance`] that no triangle emits.
+    pub fn sunlight(&self) -> Vec<DVec3> {
+        let suns: Vec<(usize, DVec3)> =
+            (0..).zip(&self.lamps).filter_map(|(l, lamp)| Some((l, lamp.sun()?.radiance()))).collect();
+        let of = |receiver| suns.iter().map(|&(l, radiance)| self.factors(receiver)[l] * radiance).sum();
+        (0..self.receivers).map(of).collect()
+    }
+
     /// What each triangle sends into U, W/(m² sr): its emission, except for lamps, and the direct light that it reflects diffusely. Takes
     /// [`Self::irradiance`] under the same materials.
     pub fn emitted<'a>(
@@ -288,7 +316,7 @@ impl DirectLight {
         irradiance: &[DVec3],
     ) -> Vec<[f64; 3]> {
         let mut own: Vec<DVec3> = (0..self.receivers).map(|i| material(i).emission.into()).collect();
-        for &i in self.lamps.iter().flat_map(|lamp| &lamp.triangles) {
+        for &i in self.lamps.iter().flat_map(Lamp::triangles) {
             own[i as usize] = DVec3::ZERO;
         }
         let sent = |(i, (own, &irradiance)): (usize, (DVec3, &DVec3))| {
@@ -340,6 +368,24 @@ impl DirectLight {
             }
         }
         Ok(gradients)
+    }
+
+    /// Whether shadows are exact, and some as sharp as those of suns.
+    pub fn has_sharp_shadows(&self) -> bool {
+        self.visibility() == Visibility::Exact && self.lamps.iter().any(|lamp| lamp.sun().is_some())
+    }
+
+    /// The share of each sun that is seen from points of one triangle; `None` of suns that the triangle does not face.
+    pub fn sunlit(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<Vec<Option<f64>>> {
+        let suns = self.lamps.iter().filter(|lamp| lamp.sun().is_some()).count();
+        let others = self.lamps.len() - suns;
+        let mut shares = vec![vec![None; suns]; points.len()];
+        let is_sun = |between: &Between| between.lamp.1.lamp.sun().is_some();
+        self.each_sight(facets, face, points, None, &is_sun, &mut |k, l, sight, visible| {
+            let all = self.lamps[l].sun().map_or(1.0, Disc::projected);
+            shares[k][l - others] = Some(sight.vector_irradiance(visible).length() / all);
+        });
+        shares
     }
 
     /// Vector irradiance Φ = ∫ ω dω over the visible directions of each lamp above the horizon, at points of
@@ -527,15 +573,21 @@ impl DirectLight {
     }
 }
 
-/// Half the mean irradiance per radiance of each lamp, sr, in a closed scene: errors are compared to that where there is less light.
+/// Half the mean irradiance per radiance of each lamp, sr, in a closed scene, of suns that of what faces them: errors are compared to
+/// that where there is less light.
 fn usual(facets: &[Facet], lamps: &[Lamp]) -> Vec<f64> {
     let all: f64 = facets.iter().map(|facet| facet.area).sum();
-    let area = |lamp: &Lamp| lamp.triangles.iter().map(|&i| facets[i as usize].area).sum::<f64>();
-    lamps.iter().map(|lamp| 0.5 * PI * area(lamp) / all).collect()
+    let area = |lamp: &Lamp| lamp.triangles().iter().map(|&i| facets[i as usize].area).sum::<f64>();
+    let mean = |lamp: &Lamp| lamp.sun().map_or_else(|| PI * area(lamp) / all, Disc::projected);
+    lamps.iter().map(|lamp| 0.5 * mean(lamp)).collect()
 }
 
 fn radiance<'a>(lamps: &[Lamp], material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
-    lamps.iter().map(|lamp| material(lamp.first()).emission.into()).collect()
+    let of = |lamp: &Lamp| match lamp {
+        Lamp::Surface(surface) => material(surface.first()).emission.into(),
+        Lamp::Sun(disc) => disc.radiance(),
+    };
+    lamps.iter().map(of).collect()
 }
 
 /// What stands between points of a triangle and a lamp.
@@ -586,9 +638,10 @@ impl<'a> Between<'a> {
 
     /// Whether the lamp, or a polygon in between, has a triangle that moves.
     fn moves(&self, moves: impl Fn(u32) -> bool) -> bool {
-        let polygon = |polygon: &Polygon| polygon.triangles.iter().any(|&i| moves(i));
+        let any = |triangles: &[u32]| triangles.iter().any(|&i| moves(i));
         let blockers = self.geometry.blockers;
-        polygon(&self.lamp.1.lamp) || self.blockers.iter().any(|&number| polygon(blockers.polygon(number)))
+        any(self.lamp.1.lamp.triangles())
+            || self.blockers.iter().any(|&number| any(&blockers.polygon(number).triangles))
     }
 
     /// The sight of the lamp from a point, for light that falls on it, or with `lobe`, that is reflected
@@ -600,6 +653,18 @@ impl<'a> Between<'a> {
         let of = |rays: &Sampling| rays.share(receiver, Origin::Point(point), normal, (number, &lamp), lobe);
         let share = sampling.map_or(share, of).value;
         Sight { geometry, point, normal, lamp, blockers, share }
+    }
+
+    /// How often the receiver is cut in any case. A shadow of a sun is sharp, and as large as what casts it, however far it falls: seven points may
+    /// all be beside one.
+    fn least_cuts(&self) -> u32 {
+        if self.lamp.1.lamp.sun().is_none() || self.blockers.is_empty() {
+            return 0;
+        }
+        let areas = self.blockers.iter().map(|&number| self.geometry.blockers.area(number));
+        let smallest = areas.fold(f64::INFINITY, f64::min);
+        let halvings = 0.5 * (self.geometry.facets[self.receiver].area / smallest).log2();
+        (halvings.ceil() as u32).clamp(1, MOST_CUTS)
     }
 
     /// Standard error of what the triangle receives, as a share of that.
@@ -624,6 +689,9 @@ pub struct HighlightGradient {
 /// Receivers that an estimate of work looks at, about, and of how many at most one.
 const PROBES: usize = 256;
 const ONE_OF: usize = 7;
+
+/// Cuts of a receiver in any case, at most.
+const MOST_CUTS: u32 = 3;
 
 /// Receivers whose derivatives are held in memory at a time.
 const RECEIVERS: usize = 4096;
@@ -829,7 +897,8 @@ mod tests {
         let facets = facets(scene);
         let lamps = lamps(scene, &facets, 1e-9);
         assert_eq!(lamps.len(), 1);
-        assert_eq!((lamps[0].corners.len(), lamps[0].outline.len()), (4, 8));
+        let outline = lamps[0].surface().expect("a surface").outline.clone();
+        assert_eq!((lamps[0].surface().expect("a surface").corners.len(), outline.len()), (4, 8));
         let light = exact(scene, &facets, lamps.clone());
         assert!(light.cuts.len() > 4);
         let gradients: Vec<[DVec3; 3]> = light
@@ -841,7 +910,8 @@ mod tests {
             .collect();
         // What moves are all vertices of the outline, not only those that are corners now.
         let mut moving = light.clone();
-        moving.lamps[0].corners = lamps[0].outline.clone();
+        let Lamp::Surface(lamp) = &mut moving.lamps[0] else { panic!("a surface") };
+        lamp.corners = outline;
         // Vertices move with all triangles that share them: a lamp stays one piece.
         let mut by_vertex = vec![DVec3::ZERO; scene.vertices.len()];
         for (triangle, gradient) in scene.triangles.iter().zip(&gradients) {

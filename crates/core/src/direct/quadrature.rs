@@ -73,14 +73,15 @@ fn walk(mut cut: impl FnMut(f64, u32, &[Sample; 7]) -> bool) -> Vec<Sample> {
 }
 
 /// The mean of a function over a triangle. Cells are cut where the samples say that the function is not smooth, unless it is far below
-/// the value that is `usual` on other triangles, to which errors are compared then.
-pub fn mean(usual: f64, function: &mut dyn FnMut(DVec3) -> f64) -> (f64, Cuts) {
+/// the value that is `usual` on other triangles, to which errors are compared then. They are cut `least` times in any case.
+pub fn mean(usual: f64, least: u32, function: &mut dyn FnMut(DVec3) -> f64) -> (f64, Cuts) {
     let (mut kept, mut largest) = (Vec::new(), usual);
     let mut cuts = Vec::new();
     walk(|weight, depth, samples| {
         let values = samples.map(|sample| function(sample.barycentric));
         largest = values.iter().fold(largest, |largest, value| largest.max(value.abs()));
-        let cut = depth < DEEPEST && error(&values) * weight.sqrt() > TOLERANCE * largest;
+        let uneven = || depth < DEEPEST && error(&values) * weight.sqrt() > TOLERANCE * largest;
+        let cut = depth < least || uneven();
         if !cut {
             kept.extend(samples.iter().zip(values).map(|(sample, value)| sample.weight * value));
         }

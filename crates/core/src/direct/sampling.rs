@@ -65,19 +65,24 @@ impl Sampling {
     pub fn new(facets: &[Facet], lamps: &[Lamp], radiance: &[DVec3]) -> Self {
         let corners = facets.iter().map(|facet| facet.corners).collect();
         let rays = Arc::new(Rays::among(corners, |i| facets[*i as usize].area > 0.0));
-        let emits: HashSet<u32> = lamps.iter().flat_map(|lamp| lamp.triangles.iter().copied()).collect();
+        let emits: HashSet<u32> = lamps.iter().flat_map(Lamp::triangles).copied().collect();
         let others = facets.iter().zip(0..).filter(|(_, i)| !emits.contains(i)).map(|(facet, _)| facet);
         let (sum, area) = others.fold((DVec3::ZERO, 0.0), |(sum, area), facet| {
             (sum + facet.area * facet.centroid, area + facet.area)
         });
         let middle = if area > 0.0 { sum / area } else { sum };
         let light = |(lamp, radiance): (&Lamp, &DVec3)| {
-            let triangles = || lamp.triangles.iter().map(|&i| &facets[i as usize]);
-            let area: f64 = triangles().map(|facet| facet.area).sum();
-            // The mean silhouette of a convex solid has a quarter of its area (Cauchy).
-            let area = if lamp.solid.is_some() { area / 4.0 } else { area };
-            let squared = facets[lamp.first()].centroid.distance_squared(middle);
-            radiance.element_sum() * (area / squared.max(area)).min(1.0)
+            let solid_angle = match lamp {
+                Lamp::Sun(disc) => disc.projected(),
+                Lamp::Surface(surface) => {
+                    let area: f64 = surface.triangles.iter().map(|&i| facets[i as usize].area).sum();
+                    // The mean silhouette of a convex solid has a quarter of its area (Cauchy).
+                    let area = if surface.solid.is_some() { area / 4.0 } else { area };
+                    let squared = facets[surface.first()].centroid.distance_squared(middle);
+                    (area / squared.max(area)).min(1.0)
+                }
+            };
+            radiance.element_sum() * solid_angle
         };
         let light: Vec<f64> = lamps.iter().zip(radiance).map(light).collect();
         let all = light.iter().sum::<f64>().max(f64::MIN_POSITIVE);
@@ -105,10 +110,11 @@ impl Sampling {
             Origin::Point(point) => point,
             Origin::Triangle(corners) => corners.iter().sum(),
         };
+        let first = lamp.lamp.triangles().first();
         let mut state = start
             .to_array()
             .into_iter()
-            .fold(lamp.lamp.first() as u64, |state, x| mixed(state ^ x.to_bits()));
+            .fold(first.map_or(number as u64, |&i| i.into()), |state, x| mixed(state ^ x.to_bits()));
         let mut at = STEPS.map(|_| {
             state = mixed(state);
             state as f64 / 2f64.powi(64)
@@ -121,7 +127,12 @@ impl Sampling {
                 Origin::Point(point) => *point,
                 Origin::Triangle(corners) => Fan::new(corners).at([at[2], at[3]]),
             };
-            let to = lamp_fan.at([at[0], at[1]]);
+            let to = lamp_fan.at([at[0], at[1]])
+                + match &from {
+                    // A sun, in place as the centroid sees it, goes along with each point.
+                    Origin::Triangle(_) if lamp.lamp.sun().is_some() => point - start / 3.0,
+                    _ => DVec3::ZERO,
+                };
             let (towards, squared) = (to - point, to.distance_squared(point));
             // cos θ cos θ' / r², up to a factor.
             let cosines = [towards.dot(normal), -towards.dot(lamp.normal)].map(|cosine| cosine.max(0.0));
@@ -129,8 +140,8 @@ impl Sampling {
             let weight = reflected * cosines[0] * cosines[1] / (squared * squared);
             if weight > 0.0 {
                 all[ray % 2] += weight;
-                let own = |i: usize| i == receiver || lamp.lamp.triangles.binary_search(&(i as u32)).is_ok();
-                if !self.rays.blocked(point, to, own) {
+                let passes = |i: usize| i == receiver || lamp.lamp.passes(i as u32);
+                if !self.rays.blocked(point, to, passes) {
                     arrives[ray % 2] += weight;
                 }
             }

@@ -223,7 +223,7 @@ mod tests {
             let facets = facets(&scene);
             let found = lamps(&scene, &facets, coplanar_tolerance(&facets));
             assert_eq!(found.len(), 1);
-            assert_eq!(found[0].triangles, emitters(&scene));
+            assert_eq!(found[0].triangles(), emitters(&scene));
             let each = emitters(&scene).into_iter().map(Lamp::single).collect();
             let [one, all] = [found, each].map(|lamps| {
                 let light = DirectLight::of_points(&facets, lamps, Visibility::Exact, |i| scene.material(i));

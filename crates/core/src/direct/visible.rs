@@ -6,6 +6,7 @@ use super::derivative::Sight;
 use super::lamps::Lamp;
 use super::polygon::Polygon;
 use super::subtraction::Subtraction;
+use super::sun::Disc;
 use super::trapezoids::{Edge, Trapezoid, Trapezoids};
 use crate::model::{Facet, orthonormal_basis};
 use glam::{DMat3, DVec2, DVec3};
@@ -19,7 +20,7 @@ pub struct Geometry<'a> {
     pub blockers: &'a Blockers,
 }
 
-/// A lamp in place.
+/// A lamp in place. A sun is in place as some point sees it.
 #[derive(Clone)]
 pub struct Placed<'a> {
     /// Of a solid, its silhouette from a point.
@@ -27,7 +28,7 @@ pub struct Placed<'a> {
     pub corners: Vec<DVec3>,
     pub outline: Vec<DVec3>,
     pub normal: DVec3,
-    /// The triangle that has this normal; none has that of a silhouette.
+    /// The triangle that has this normal; none has that of a silhouette or a sun.
     pub plane: Option<u32>,
     /// Axes: two along its plane, and one away from its front. Edges of a scene are rarely parallel to the first two.
     pub frame: DMat3,
@@ -64,14 +65,24 @@ impl Geometry<'_> {
     }
 
     pub fn place<'b>(&self, lamp: &'b Lamp) -> Placed<'b> {
-        self.placed(Cow::Borrowed(lamp), self.facets[lamp.first()].normal, Some(lamp.first() as u32))
+        match lamp {
+            Lamp::Surface(surface) => {
+                let normal = self.facets[surface.first()].normal;
+                self.placed(Cow::Borrowed(lamp), normal, Some(surface.first() as u32))
+            }
+            Lamp::Sun(disc) => self.sun_from(lamp, disc, DVec3::ZERO),
+        }
     }
 
-    /// A lamp as a point sees it: a solid has another silhouette from each.
+    /// A lamp as a point sees it: a solid has another silhouette from each, and suns go along.
     pub fn seen_from<'b>(&self, lamp: &'b Placed, point: DVec3) -> Cow<'b, Placed<'b>> {
-        let solid = lamp.lamp.solid.as_ref();
-        match solid.and_then(|solid| solid.seen_from(self.facets, point)) {
-            Some((silhouette, normal)) => Cow::Owned(self.placed(Cow::Owned(silhouette), normal, None)),
+        if let Some(disc) = lamp.lamp.sun() {
+            return Cow::Owned(self.sun_from(&lamp.lamp, disc, point));
+        }
+        match lamp.lamp.solid().and_then(|solid| solid.seen_from(self.facets, point)) {
+            Some((silhouette, normal)) => {
+                Cow::Owned(self.placed(Cow::Owned(Lamp::Surface(silhouette)), normal, None))
+            }
             None => Cow::Borrowed(lamp),
         }
     }
@@ -79,13 +90,21 @@ impl Geometry<'_> {
     fn placed<'b>(&self, lamp: Cow<'b, Lamp>, normal: DVec3, plane: Option<u32>) -> Placed<'b> {
         let at = |&corner: &[u32; 2]| self.corner(corner);
         Placed {
-            corners: lamp.corners.iter().map(at).collect(),
-            outline: lamp.outline.iter().map(at).collect(),
+            corners: lamp.surface().iter().flat_map(|surface| &surface.corners).map(at).collect(),
+            outline: lamp.surface().iter().flat_map(|surface| &surface.outline).map(at).collect(),
             normal,
             plane,
-            frame: orthonormal_basis(-normal) * DMat3::from_rotation_z(TURN),
+            frame: frame(normal),
             lamp,
         }
+    }
+
+    /// A sun as a point sees it, beyond everything.
+    fn sun_from<'b>(&self, lamp: &'b Lamp, disc: &Disc, point: DVec3) -> Placed<'b> {
+        let far = self.blockers.far();
+        let corners: Vec<DVec3> = disc.corners().iter().map(|&corner| point + far * corner).collect();
+        let (lamp, normal) = (Cow::Borrowed(lamp), disc.normal());
+        Placed { outline: corners.clone(), corners, normal, plane: None, frame: frame(normal), lamp }
     }
 
     /// Whether a triangle and the front of a lamp can see each other.
@@ -93,13 +112,21 @@ impl Geometry<'_> {
         let facet = &self.facets[receiver];
         let above =
             |plane: DVec3, normal: DVec3, corner: &DVec3| (*corner - plane).dot(normal) > self.tolerance();
+        if let Some(disc) = lamp.lamp.sun() {
+            return facet.area > 0.0 && disc.corners().iter().any(|c| c.dot(facet.normal) > 0.0);
+        }
         facet.area > 0.0
             && lamp.corners.iter().any(|c| above(facet.centroid, facet.normal, c))
-            && facet.corners.iter().any(|c| match &lamp.lamp.solid {
+            && facet.corners.iter().any(|c| match lamp.lamp.solid() {
                 Some(solid) => solid.is_seen_from(self.facets, *c, self.tolerance()),
                 None => above(lamp.corners[0], lamp.normal, c),
             })
     }
+}
+
+/// Axes of a lamp with a normal: [`Placed::frame`].
+fn frame(normal: DVec3) -> DMat3 {
+    orthonormal_basis(-normal) * DMat3::from_rotation_z(TURN)
 }
 
 /// The number of the plane through the point and a side of a lamp's outline.
@@ -226,7 +253,7 @@ impl Visible {
     pub fn parts(&mut self, sight: &Sight, outline: bool, emit: &mut dyn FnMut(&[Side])) {
         let &Sight { ref geometry, point, normal, ref lamp, blockers, .. } = sight;
         // Within a solid there is no silhouette.
-        if lamp.lamp.solid.is_some() {
+        if lamp.lamp.solid().is_some() {
             return;
         }
         let corners = if outline { &lamp.outline } else { &lamp.corners };

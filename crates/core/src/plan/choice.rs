@@ -124,6 +124,6 @@ fn brightness(scene: &Scene, facets: &[Facet], lamps: &[Lamp]) -> Vec<f64> {
     let relative = |i: usize| if mean > 0.0 { (1.0 + emitted(i) / mean).min(BRIGHTEST) } else { 1.0 };
     let mut brightness: Vec<f64> = (0..facets.len()).map(relative).collect();
     // Direct light of lamps does not pass through U.
-    lamps.iter().flat_map(|lamp| &lamp.triangles).for_each(|&i| brightness[i as usize] = 1.0);
+    lamps.iter().flat_map(Lamp::triangles).for_each(|&i| brightness[i as usize] = 1.0);
     brightness
 }

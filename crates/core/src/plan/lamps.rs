@@ -3,7 +3,7 @@
 
 use super::visibility::why_explicit;
 use super::{GradientRequest, Placement, Plan, PlanError, PlanOptions};
-use crate::direct::{DirectLight, FEW_LAMPS, Lamp, Visibility, lamps};
+use crate::direct::{DirectLight, FEW_LAMPS, Lamp, Visibility, lamps, suns};
 use crate::model::{Bins, Facet, coplanar_tolerance};
 use antirad_scene::{Lamps, Scene, SolveSettings, Transport};
 use std::sync::Arc;
@@ -24,7 +24,7 @@ const MOST_HELD: usize = 100_000_000;
 /// How the light that comes straight from emitters is computed, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LampsReport {
-    /// Lamps with exact visibility: planar convex polygons, merged from triangles.
+    /// Lamps with exact visibility: planar convex polygons, merged from triangles, and suns.
     pub exact: usize,
     /// Lamps with visibility by rays where much stands in between.
     pub sampled: usize,
@@ -56,10 +56,10 @@ pub(super) fn choose(
 ) -> Result<Chosen, PlanError> {
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
     let emitters = lamps.len();
-    let affordable = |others: usize| {
+    let affordable = |lamps: &[Lamp], others: usize| {
         let pairs = facets.len() as f64 * others as f64;
-        emitters <= FEW_LAMPS
-            && DirectLight::takes_at_most(facets, &lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
+        lamps.len() <= FEW_LAMPS
+            && DirectLight::takes_at_most(facets, lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
     };
     let clustered = matches!(settings.transport, Transport::Hierarchical { error } if error >= COARSE);
     let all = facets.len();
@@ -69,29 +69,38 @@ pub(super) fn choose(
         (false, false) => all,
     };
     let moves = gradients.positions || gradients.camera;
-    let sampled = || {
+    let sampled = |lamps: &[Lamp]| {
         let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
         let bins = Bins::new(settings.bins).count();
-        let held = emitters.saturating_mul(facets.len() + glossy * bins);
-        let few = emitters <= MOST_SAMPLED && held <= MOST_HELD;
+        let held = lamps.len().saturating_mul(facets.len() + glossy * bins);
+        let few = lamps.len() <= MOST_SAMPLED && held <= MOST_HELD;
         (few && !moves && !gradients.emission).then_some(Visibility::Sampled)
+    };
+    let auto = |lamps: &[Lamp]| {
+        if lamps.is_empty() || affordable(lamps, summed) {
+            return Some(Visibility::Exact);
+        }
+        // With derivatives rather exactly than through bins, even where clusters make the solve fast.
+        let slowly = || (summed < all && affordable(lamps, all)).then_some(Visibility::Exact);
+        sampled(lamps).or_else(slowly)
     };
     let visibility = match settings.lamps {
         Lamps::Exact => Some(Visibility::Exact),
         Lamps::Sampled if moves => return Err(PlanError::SampledLamps),
         Lamps::Sampled => Some(Visibility::Sampled),
         Lamps::Antiradiance => None,
-        Lamps::Auto if emitters == 0 || affordable(summed) => Some(Visibility::Exact),
-        Lamps::Auto => {
-            // With derivatives rather exactly than through bins, even where clusters make the solve fast.
-            let slowly = || (summed < all && affordable(all)).then_some(Visibility::Exact);
-            sampled().or_else(slowly)
-        }
+        Lamps::Auto => auto(&lamps),
     };
-    Ok(match visibility {
-        Some(visibility) => Chosen { lamps, visibility, emitters },
-        None => Chosen { emitters, ..Chosen::default() },
-    })
+    let (lamps, visibility) = visibility.map_or_else(
+        || {
+            // No triangle sends the light of suns into U.
+            let suns: Vec<Lamp> = suns(scene).collect();
+            let visibility = auto(&suns).unwrap_or_default();
+            (suns, visibility)
+        },
+        |visibility| (lamps.clone(), visibility),
+    );
+    Ok(Chosen { lamps, visibility, emitters })
 }
 
 /// The triangles of a scene, in units of its size, and the lamps whose direct light is computed separately
@@ -114,13 +123,15 @@ pub fn has_direct_lamps(scene: &Scene) -> bool {
 impl Plan {
     /// How the light of emitters is computed.
     pub(super) fn lamps_report(&self) -> LampsReport {
-        let triangles = self.lamps.iter().map(|lamp| lamp.triangles.len()).sum();
+        let triangles = self.lamps.iter().map(|lamp| lamp.triangles().len()).sum();
+        let suns = self.lamps.iter().filter(|lamp| lamp.sun().is_some()).count();
+        let through_bins = self.emitters - self.lamps.len();
         let lamps = |count: usize| if count == 1 { String::from("1 lamp") } else { format!("{count} lamps") };
-        let why = match (self.settings.lamps, self.lamps.len(), self.visibility) {
-            (_, 0, _) if self.emitters == 0 => String::from("no emitter"),
-            (Lamps::Antiradiance, _, _) => String::from("by antiradiance, as stated"),
-            (_, 0, _) => {
-                let why = match lamps(self.emitters) {
+        let mut why = match (self.settings.lamps, through_bins, self.visibility) {
+            _ if self.emitters == 0 => String::from("no emitter"),
+            (Lamps::Antiradiance, 1.., _) => String::from("by antiradiance, as stated"),
+            (_, 1.., _) => {
+                let why = match lamps(through_bins) {
                     count if self.emitters > MOST_SAMPLED => format!("{count}, more than {MOST_SAMPLED}"),
                     count => format!(
                         "exact ones of {count} would take far longer than the solve, and sampled ones too much memory, or lack \
@@ -129,16 +140,19 @@ impl Plan {
                 };
                 format!("by antiradiance through bins, which blurs shadows: {why}")
             }
-            (_, count, Visibility::Exact) => {
-                format!("direct light of {} with exact visibility", lamps(count))
+            (_, 0, Visibility::Exact) => {
+                format!("direct light of {} with exact visibility", lamps(self.emitters))
             }
-            (_, count, Visibility::Sampled) => {
+            (_, 0, Visibility::Sampled) => {
                 format!(
                     "direct light of {} with visibility by rays where much stands in between",
-                    lamps(count)
+                    lamps(self.emitters)
                 )
             }
         };
+        if suns > 0 && through_bins > 0 {
+            why += "; direct light of suns all the same";
+        }
         let count = |visibility| if self.visibility == visibility { self.lamps.len() } else { 0 };
         let (exact, sampled) = (count(Visibility::Exact), count(Visibility::Sampled));
         LampsReport { exact, sampled, emitters: self.emitters, triangles, why }

@@ -41,7 +41,7 @@ pub use weights::RankWeights;
 use crate::direct::{Lamp, Visibility};
 use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
 use antirad_base::setters;
-use antirad_scene::{BackendKind, Precision, Scene, SolveSettings, SolverChoice, bounds};
+use antirad_scene::{BackendKind, Precision, Scene, SolveSettings, SolverChoice, Sun, bounds};
 use glam::DVec3;
 use lamps::Chosen;
 use std::sync::Arc;
@@ -107,7 +107,7 @@ pub enum Occlusion {
     /// Triangles behind which another could receive the light that they block.
     #[default]
     Exact,
-    /// No triangle: light passes through everything. Only useful to show the effect of occlusion.
+    /// No triangle: light passes through everything. Only useful to show the effect of occlusion; suns are left out.
     Nothing,
     /// All triangles, whether it matters or not: the same result with the most work, to measure its cost.
     Everything,
@@ -279,7 +279,7 @@ pub struct Plan {
     pub(crate) placement: Placement,
     /// Classes; index = triangle of the scene.
     pub(crate) classes: Vec<Class>,
-    /// Emitters whose direct light is exact; that of others takes part in U.
+    /// Emitters whose direct light is exact; that of others takes part in U. All suns.
     pub(crate) lamps: Vec<Lamp>,
     pub(crate) visibility: Visibility,
     /// How many lamps there are, exact or not.
@@ -707,5 +707,5 @@ fn page_tiles(options: &PlanOptions, tile_bytes: u64) -> u32 {
 }
 
 fn is_grey(scene: &Scene) -> bool {
-    (0..scene.triangles.len()).all(|i| scene.material(i).is_grey())
+    (0..scene.triangles.len()).all(|i| scene.material(i).is_grey()) && scene.suns.iter().all(Sun::is_grey)
 }

@@ -302,6 +302,7 @@ impl Parameters {
     pub fn linear_scene(&self, x: &[f64]) -> Scene {
         let mut scene = self.base.clone();
         scene.materials.iter_mut().for_each(|m| m.emission = [0.0; 3]);
+        scene.suns.iter_mut().for_each(|sun| sun.irradiance = [0.0; 3]);
         self.set_materials(x, &mut scene.materials, true);
         scene
     }

@@ -28,7 +28,7 @@ impl DirectLight {
     /// # Errors
     /// Fails if the scene cannot be planned, or if the backend lacks memory or a feature.
     pub fn new(backend: &Backend, scene: &Scene, watch: &Watch) -> Result<Self, AmbiguityError> {
-        let mut scene = Scene { materials: black_materials(), ..scene.clone() };
+        let mut scene = Scene { materials: black_materials(), suns: Vec::new(), ..scene.clone() };
         // Each channel occurs once, so that the plan has three.
         for (i, triangle) in scene.triangles.iter_mut().enumerate() {
             triangle.material = if i < 3 { i as u32 + 1 } else { 0 };

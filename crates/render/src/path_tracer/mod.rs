@@ -3,7 +3,7 @@
 //! Direct light is estimated from points on lights, sampled by area (Shirley, Wang and Zimmerman 1996), and along the path,
 //! combined by the balance heuristic (Veach and Guibas 1995): alone, the first has no finite variance where lights touch
 //! receivers, and the second a large one where lights are small. Paths go on in proportion to the cosine and to the specular
-//! lobe, so that mirrored lamps have little noise, too.
+//! lobe, so that mirrored lamps have little noise, too. Of each sun a direction is sampled, and none is met along the path.
 //!
 //! Textures count at each point of a path. Shares only material formulas, textures and the camera with the radiosity code, and
 //! tests visibility: the ground truth for scenes without a closed form or other reference data.
@@ -12,14 +12,14 @@ mod lobe;
 mod numbers;
 mod picture;
 
-use antirad_scene::{Material, Rays, Scene};
+use antirad_scene::{Material, Rays, Scene, Sun, bounds};
 use glam::DVec3;
 use lobe::Reflection;
 use numbers::{Numbers, estimate};
 pub use picture::{TracedPicture, TracedPixel};
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// Reflections after which Russian roulette may end a path, with the throughput as the probability of survival.
 const ROULETTE_AFTER: u32 = 3;
@@ -45,6 +45,10 @@ pub struct PathTracer<'a> {
     lights: Vec<(usize, f64)>,
     /// Probability density of choosing a point on each triangle as that of a light, 1/m².
     density: Vec<f64>,
+    /// Triangles behind suns, ascending.
+    behind_suns: Vec<u32>,
+    /// Distance beyond which nothing stands before suns, m.
+    far: f64,
 }
 
 /// A point on a triangle, uniform for uniform u, v.
@@ -68,6 +72,7 @@ impl<'a> PathTracer<'a> {
             lights.push((i, sum));
             density[i] = power(i) / total / areas[i];
         }
+        let (low, high) = bounds(scene.vertices.iter().copied());
         Self {
             scene,
             rays: Rays::new(scene),
@@ -75,6 +80,8 @@ impl<'a> PathTracer<'a> {
             areas,
             lights,
             density,
+            behind_suns: scene.behind_suns(),
+            far: 2.0 * (high - low).length(),
         }
     }
 
@@ -139,6 +146,9 @@ impl<'a> PathTracer<'a> {
         let (mut light, mut throughput) = (DVec3::ZERO, DVec3::ONE);
         for depth in 0..LONGEST {
             light += throughput * self.direct(from, at, &reflection, numbers);
+            for sun in &self.scene.suns {
+                light += throughput * self.sunlight(sun, from, at, &reflection, numbers);
+            }
             let Some((direction, density)) = reflection.sample(numbers) else { break };
             throughput *= reflection.brdf(direction) * direction.dot(reflection.normal()) / density;
             let chance = match throughput.max_element() {
@@ -194,6 +204,39 @@ impl<'a> PathTracer<'a> {
         DVec3::from(self.material(light, target).emission)
             * (geometry / (self.density[light] + along))
             * reflected
+    }
+}
+
+impl PathTracer<'_> {
+    /// Reflected light from a random direction of a sun, which no ray meets by chance.
+    fn sunlight(
+        &self,
+        sun: &Sun,
+        triangle: usize,
+        point: DVec3,
+        reflection: &Reflection,
+        numbers: &mut Numbers,
+    ) -> DVec3 {
+        // Uniform in the projection along the axis, where the sun is a disc.
+        let [u, v] = numbers.pair();
+        let limb = sun.angular_radius().sin();
+        let sine = limb * u.sqrt();
+        let axis = -sun.travels();
+        let (s, t) = axis.any_orthonormal_pair();
+        let (sin, cos) = (TAU * v).sin_cos();
+        let axial = (1.0 - sine * sine).sqrt();
+        let direction = axis * axial + (s * cos + t * sin) * sine;
+        let here = direction.dot(reflection.normal());
+        if here <= 0.0 {
+            return DVec3::ZERO;
+        }
+        let reflected = reflection.brdf(direction);
+        let passes = |i: usize| i == triangle || self.behind_suns.binary_search(&(i as u32)).is_ok();
+        if reflected == DVec3::ZERO || self.rays.blocked(point, point + self.far * direction, passes) {
+            return DVec3::ZERO;
+        }
+        // Radiance is irradiance over π sin² of the radius, and so is the density, but for the cosine.
+        DVec3::from(sun.irradiance) * (here / axial) * reflected
     }
 }
 

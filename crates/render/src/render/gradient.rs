@@ -71,6 +71,8 @@ pub struct CameraGradient {
 pub struct SceneGradient {
     /// Per triangle, RGB.
     pub emission: Option<Vec<DVec3>>,
+    /// Per sun, by its irradiance, RGB; requested with emission.
+    pub suns: Option<Vec<DVec3>>,
     /// Per triangle.
     pub diffuse: Option<Vec<f64>>,
     /// Per triangle, RGB.
@@ -93,6 +95,7 @@ impl SceneGradient {
         let scalar = |requested: bool| requested.then(|| vec![0.0; triangles]);
         Self {
             emission: rgb(request.emission),
+            suns: request.emission.then(|| vec![DVec3::ZERO; scene.suns.len()]),
             diffuse: scalar(request.diffuse),
             albedo: rgb(request.albedo),
             specular: rgb(request.specular),
@@ -117,6 +120,7 @@ impl SceneGradient {
         }
         Self {
             emission: sums(&self.emission, scene),
+            suns: self.suns.clone(),
             diffuse: sums(&self.diffuse, scene),
             albedo: sums(&self.albedo, scene),
             specular: sums(&self.specular, scene),
@@ -134,6 +138,7 @@ impl SceneGradient {
             }
         }
         add(&mut self.emission, &other.emission);
+        add(&mut self.suns, &other.suns);
         add(&mut self.diffuse, &other.diffuse);
         add(&mut self.albedo, &other.albedo);
         add(&mut self.specular, &other.specular);
@@ -182,6 +187,7 @@ impl From<Gradients> for SceneGradient {
     fn from(gradients: Gradients) -> Self {
         Self {
             emission: gradients.emission,
+            suns: gradients.suns,
             diffuse: gradients.diffuse,
             albedo: gradients.albedo,
             specular: gradients.specular,

@@ -5,7 +5,7 @@ use super::pattern::{self, Spot};
 use super::reflections::{OfFace, Sample};
 use super::sights::{Points, Sights};
 use crate::image::{Coverage, ImageError, View, camera_gradient};
-use antirad_core::direct::barycentric;
+use antirad_core::direct::{Lamp, barycentric};
 use antirad_core::model::FacetGradient;
 use antirad_core::plan::GradientRequest;
 use antirad_core::solve::SolveProgress;
@@ -180,11 +180,14 @@ impl Differences {
         if let Some(emission) = &mut gradients.emission {
             emission.iter_mut().zip(&self.own_emission).for_each(|(to, by)| *to += *by);
             for (lamp, by) in light.direct.lamps().iter().zip(&self.emission) {
-                let area: f64 = lamp.triangles.iter().map(|&i| light.facets[i as usize].area).sum();
-                for &i in &lamp.triangles {
+                let area: f64 = lamp.triangles().iter().map(|&i| light.facets[i as usize].area).sum();
+                for &i in lamp.triangles() {
                     emission[i as usize] += *by * (light.facets[i as usize].area / area);
                 }
             }
+        }
+        if let Some(suns) = &mut gradients.suns {
+            suns.iter_mut().zip(light.direct.by_suns(&self.emission)).for_each(|(to, by)| *to += by);
         }
         let corners = |(gradient, facet): (&FacetGradient, &antirad_core::model::Facet)| {
             gradient.to_corners(facet).map(|by| by * light.placement.scale)
@@ -210,8 +213,7 @@ impl Differences {
         }
         let mut specular = vec![Vec::new(); light.facets.len()];
         let mut by_all = vec![DVec3::ZERO; light.facets.len()];
-        let lamps: BTreeSet<u32> =
-            light.direct.lamps().iter().flat_map(|lamp| lamp.triangles.iter().copied()).collect();
+        let lamps: BTreeSet<u32> = light.direct.lamps().iter().flat_map(Lamp::triangles).copied().collect();
         for (face, of) in std::mem::take(&mut self.brought) {
             if !lamps.contains(&(face as u32)) {
                 self.own_emission[face] += of.emission;

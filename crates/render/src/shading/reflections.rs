@@ -7,7 +7,7 @@
 //! out of bins.
 
 use super::sights::Sights;
-use antirad_core::direct::{barycentric, mixed};
+use antirad_core::direct::{Lamp, barycentric, mixed};
 use antirad_core::model::{Bins, Facet, Taps};
 use antirad_core::{Engine, EngineError, Solution};
 use antirad_scene::{Material, Patterns, Rays};
@@ -137,7 +137,7 @@ impl Surroundings {
         let (plan, materials) = (engine.plan(), &engine.materials);
         let facets = plan.facets();
         let mut emission: Vec<DVec3> = materials.iter().map(|material| material.emission.into()).collect();
-        for &i in engine.direct.light.lamps().iter().flat_map(|lamp| &lamp.triangles) {
+        for &i in engine.direct.light.lamps().iter().flat_map(Lamp::triangles) {
             emission[i as usize] = DVec3::ZERO;
         }
         let corners = facets.iter().map(|facet| facet.corners).collect();

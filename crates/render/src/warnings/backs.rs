@@ -7,7 +7,8 @@
 use crate::path_tracer::PathTracer;
 use antirad_core::model::PADDING;
 use antirad_core::plan::Plan;
-use antirad_scene::Scene;
+use antirad_scene::{Scene, bounds};
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// Triangles that are tried; each stands for its neighbours in space with about the same normal.
@@ -18,6 +19,8 @@ const PATHS: u32 = 32;
 const PATHS_TO_FRONTS: usize = 4000;
 /// Irradiance of a back, relative to the mean of all fronts, from which it counts as lit.
 const LIT: f64 = 0.05;
+/// How far a scene may reach behind an outermost triangle, relative to its size.
+const FLAT: f64 = 1e-6;
 
 /// Light on backs.
 pub struct Lit {
@@ -37,17 +40,46 @@ impl Lit {
     }
 }
 
+/// Which triangles have nothing of their scene behind them, as outer walls have: known where there are suns, and none otherwise.
+struct Outermost<'a> {
+    scene: &'a Scene,
+    corners: Vec<DVec3>,
+    tolerance: f64,
+}
+
+impl<'a> Outermost<'a> {
+    fn new(scene: &'a Scene) -> Self {
+        let skies = scene.behind_suns();
+        let all = 0..if scene.suns.is_empty() { 0 } else { scene.triangles.len() };
+        let own = all.filter(|i| skies.binary_search(&(*i as u32)).is_err());
+        let corners: Vec<DVec3> = own.flat_map(|i| scene.corners(i)).collect();
+        let (low, high) = bounds(corners.iter().copied());
+        Self { scene, tolerance: FLAT * (high - low).length(), corners }
+    }
+
+    fn holds(&self, triangle: usize) -> bool {
+        let (origin, normal) =
+            (self.scene.corners(triangle)[0], self.scene.area_vector(triangle).normalize_or_zero());
+        !self.corners.is_empty() && self.corners.iter().all(|c| (*c - origin).dot(normal) >= -self.tolerance)
+    }
+}
+
 /// Finds the triangles whose backs are lit.
 pub fn lit(scene: &Scene, plan: &Plan) -> Lit {
     let order: Vec<u32> = plan.layout().order.iter().copied().filter(|&i| i != PADDING).collect();
     let runs: Vec<&[u32]> = order.chunks(order.len().div_ceil(TRIED).max(1)).collect();
     let tracer = PathTracer::new(scene);
+    let sunless = Scene { suns: Vec::new(), ..scene.clone() };
+    let without_suns = PathTracer::new(&sunless);
+    let outermost = Outermost::new(scene);
     let to_front = (PATHS_TO_FRONTS.div_ceil(runs.len().max(1)) as u32).min(PATHS);
     let sides: Vec<[f64; 2]> = runs
         .par_iter()
         .map(|run| {
             let middle = run[run.len() / 2] as usize;
-            let both = [tracer.irradiance_of(middle, to_front), tracer.irradiance_of_back(middle, PATHS)];
+            // Walls are expected to keep suns out.
+            let to_back = if outermost.holds(middle) { &without_suns } else { &tracer };
+            let both = [tracer.irradiance_of(middle, to_front), to_back.irradiance_of_back(middle, PATHS)];
             both.map(|side| side.mean.element_sum())
         })
         .collect();

@@ -3,7 +3,7 @@
 //! What such a triangle reflects leaves it evenly. Its own irradiance is right, since direct light is exact, and so is its picture,
 //! where direct light is gathered; what others receive from it is not.
 
-use antirad_core::direct::{DirectLight, Lamp, POINTS, at, vector_irradiance};
+use antirad_core::direct::{DirectLight, Lamp, POINTS, Polygon, at, vector_irradiance};
 use antirad_core::model::{Facet, quarters};
 use antirad_core::plan::{Plan, direct_lamps};
 use antirad_scene::Scene;
@@ -95,7 +95,7 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
     found
 }
 
-/// Triangles that would receive more than 4 % of all light of lamps if nothing stood between, ascending.
+/// Triangles that would receive more than 4 % of all light of lamps other than suns if nothing stood between, ascending.
 pub fn flooded(scene: &Scene) -> Vec<u32> {
     let (facets, lamps, _) = direct_lamps(scene);
     let emitted = Emitted::new(scene, &facets, &lamps);
@@ -103,7 +103,7 @@ pub fn flooded(scene: &Scene) -> Vec<u32> {
     all.into_par_iter().filter(|&i| emitted.share(i as usize) > MOST_OF_THE_LIGHT).collect()
 }
 
-/// The light that lamps emit, as if nothing stood in its way.
+/// The light that lamps other than suns emit, as if nothing stood in its way.
 struct Emitted<'a> {
     scene: &'a Scene,
     facets: &'a [Facet],
@@ -121,7 +121,8 @@ struct Source {
 
 impl<'a> Emitted<'a> {
     fn new(scene: &'a Scene, facets: &'a [Facet], lamps: &[Lamp]) -> Self {
-        let source = |lamp: &Lamp| {
+        // Suns light all of a triangle alike.
+        let source = |lamp: &Polygon| {
             let corner = |&[i, k]: &[u32; 2]| facets[i as usize].corners[k as usize];
             let corners: Vec<DVec3> = lamp.corners.iter().map(corner).collect();
             let centre = corners.iter().sum::<DVec3>() / corners.len() as f64;
@@ -136,14 +137,14 @@ impl<'a> Emitted<'a> {
                 },
             }
         };
-        let lamps: Vec<Source> = lamps.iter().map(source).collect();
+        let lamps: Vec<Source> = lamps.iter().filter_map(Lamp::surface).map(source).collect();
         Self { scene, facets, power: lamps.iter().map(|lamp| lamp.power).sum(), lamps }
     }
 
     /// The share that a triangle receives, by form factors from the points of lamps; none if it reflects nothing.
     fn share(&self, triangle: usize) -> f64 {
         let receiver = &self.facets[triangle];
-        if self.scene.material(triangle).diffuse_albedo() == [0.0; 3] {
+        if self.lamps.is_empty() || self.scene.material(triangle).diffuse_albedo() == [0.0; 3] {
             return 0.0;
         }
         let form_factor = |point: DVec3, normal: Option<DVec3>| {
