@@ -7,7 +7,7 @@ use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::render::{Light, Reflections};
 use antirad::scene::{
-    BinLayout, Camera, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Triangle,
+    BinLayout, Camera, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Sun, Triangle,
 };
 use antirad::{Engine, SolveParams};
 use antirad_render::image::Coverage;
@@ -165,10 +165,47 @@ fn reflections_by_rays_are_those_of_path_tracing() {
     finish(&backend);
 }
 
+/// A room that a sun lights through a window, against path tracing: relative L2 norm, without the noise of that.
+#[test]
+fn a_sunlit_room_is_that_of_path_tracing() {
+    let backend = backend();
+    let scene = load("scenes/sunlit_room.toml");
+    let camera = Camera { width: 64, height: 48, ..scene.cameras[0].clone() };
+    let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
+    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 8).expect("a view");
+    let light = Light::new(&mut engine, &solution, &scene, std::slice::from_ref(&camera), Reflections::Rays)
+        .expect("light");
+    let found = light.pixels(0, &coverage).expect("pixels");
+    let traced = PathTracer::new(&scene).picture(&camera, 256, 1);
+    let (mut error, mut all) = (0.0, 0.0);
+    for (&[r, g, b, _], pixel) in found.iter().zip(&traced.pixels) {
+        let (truth, noise) = (pixel.radiance.mean, pixel.radiance.error);
+        error += (DVec3::new(r, g, b) - truth).length_squared() - noise.length_squared();
+        all += truth.length_squared();
+    }
+    let error = f64::sqrt(f64::max(error, 0.0) / all);
+    println!("sunlit room: {:.2} %, noise {:.2} %", 100.0 * error, 100.0 * traced.noise());
+    assert!(error <= 0.03, "{error:e}");
+    drop((engine, solution, light));
+    finish(&backend);
+}
+
 #[test]
 fn derivatives_of_pictures_are_those_of_central_differences() {
+    derivatives_are_those_of_central_differences(&scene());
+}
+
+/// In wide penumbras, and on a glossy floor.
+#[test]
+fn derivatives_of_sunlit_pictures_are_those_of_central_differences() {
+    let mut scene = scene();
+    let sun = Sun { angular_diameter: 12.0, ..Sun::new(DVec3::new(0.4, -1.0, 0.25), [3.0, 2.0, 4.0]) };
+    scene.add_sun(sun).expect("a sun");
+    derivatives_are_those_of_central_differences(&scene);
+}
+
+fn derivatives_are_those_of_central_differences(scene: &Scene) {
     let backend = backend();
-    let scene = scene();
     let camera = camera();
     let options = PlanOptions::of(&backend).gradients(GradientRequest::EVERYTHING);
     let engine = |scene: &Scene| {
@@ -176,16 +213,15 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
         Engine::new(&backend, scene, plan).expect("an engine")
     };
     let params = SolveParams::from(&scene.settings);
-    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(scene, &camera, 4).expect("a view");
     let weight = |pixel: usize, channel: usize| ((pixel * 3 + channel) as f64).sin() + 0.3;
     // The coverage is held fixed: silhouettes have tests of their own.
-    let base = scene.clone();
-    let loss = |scene: &Scene, coverage: &Coverage| {
+    let loss = |changed: &Scene, coverage: &Coverage| {
         // At the same points of each triangle.
-        let mut engine = engine(&base).rebuilt(scene).expect("an engine");
+        let mut engine = engine(scene).rebuilt(changed).expect("an engine");
         let solution = engine.solve(&params).expect("a solution");
         let light =
-            Light::new(&mut engine, &solution, scene, std::slice::from_ref(&camera), Reflections::Bins)
+            Light::new(&mut engine, &solution, changed, std::slice::from_ref(&camera), Reflections::Bins)
                 .expect("light");
         let pixels = light.pixels(0, coverage).expect("pixels");
         let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();
@@ -193,10 +229,10 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     };
     let by_pixels: Vec<[f64; 4]> =
         (0..24 * 18).map(|p| [weight(p, 0), weight(p, 1), weight(p, 2), 0.0]).collect();
-    let mut own = engine(&scene);
-    assert_eq!(own.plan().lamps().len(), 1);
+    let mut own = engine(scene);
+    assert_eq!(own.plan().lamps().len(), 1 + scene.suns.len());
     let solution = own.solve(&params).expect("a solution");
-    let light = Light::new(&mut own, &solution, &scene, std::slice::from_ref(&camera), Reflections::Bins)
+    let light = Light::new(&mut own, &solution, scene, std::slice::from_ref(&camera), Reflections::Bins)
         .expect("light");
     let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
     let request = GradientRequest::EVERYTHING;
@@ -205,7 +241,7 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
             ControlFlow::Continue(())
         })
         .expect("gradients");
-    let materials = gradients.by_material(&scene);
+    let materials = gradients.by_material(scene);
     let difference = |change: &dyn Fn(&mut Scene, f64), step: f64| {
         let at = |by: f64| {
             let mut scene = scene.clone();
@@ -231,6 +267,12 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     let lamp = scene.materials.iter().position(|m| m.name == "lamp").expect("a lamp");
     let emission = |scene: &mut Scene, by: f64| scene.materials[lamp].emission[0] += by;
     check("emission", materials[lamp].emission[0], difference(&emission, 1e-4), 1e-7);
+    let suns = gradients.suns.as_ref().expect("suns");
+    assert_eq!(suns.len(), scene.suns.len());
+    for (k, by) in suns.iter().enumerate() {
+        let irradiance = |scene: &mut Scene, by: f64| scene.suns[k].irradiance[2] += by;
+        check("irradiance", by[2], difference(&irradiance, 1e-4), 1e-7);
+    }
     let floor = scene.materials.iter().position(|m| m.name == "floor").expect("a floor");
     let specular = |scene: &mut Scene, by: f64| scene.materials[floor].specular[2] += by;
     check("specular", materials[floor].specular[2], difference(&specular, 1e-5), 1e-7);
@@ -253,7 +295,7 @@ fn derivatives_of_pictures_are_those_of_central_differences() {
     }
     // The same faces in each pixel.
     let from = |own: &mut Engine, camera: &Camera| {
-        let light = Light::new(own, &solution, &scene, std::slice::from_ref(camera), Reflections::Bins)
+        let light = Light::new(own, &solution, scene, std::slice::from_ref(camera), Reflections::Bins)
             .expect("light");
         let pixels = light.pixels(0, &coverage).expect("pixels");
         let of = |(p, rgb): (usize, &[f64; 4])| (0..3).map(|c| weight(p, c) * rgb[c]).sum::<f64>();

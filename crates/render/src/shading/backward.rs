@@ -268,7 +268,7 @@ impl Light {
         wanted: &Wanted,
         sums: &mut Differences,
     ) -> Result<(), ImageError> {
-        let sights = self.sights(view, loss.coverage);
+        let sights = self.sights(view, loss.coverage)?;
         let Sights { seen, runs, .. } = &*sights;
         let by_seen = |place: &usize| {
             let [r, g, b, _] = loss.by_pixels[seen[*place].pixel];

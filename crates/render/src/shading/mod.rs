@@ -7,6 +7,7 @@
 //! or emission vary within a face, both are those at x: the albedo and emission of the face, times the factors of its pattern.
 
 mod backward;
+mod edges;
 mod interpolation;
 mod pattern;
 mod reflections;
@@ -44,7 +45,7 @@ pub enum Shading {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Reflections {
-    /// Rays from each visible point, as many as accuracy needs.
+    /// Rays from each visible point, as many as accuracy needs; and where edges of suns' shadows pass, as many points.
     #[default]
     Rays,
     /// Rays, the same number from each point, so that pictures are smooth functions of emission and
@@ -87,6 +88,8 @@ pub struct Light {
     /// Indirect irradiance, sharpened for `interpolation`, W/m².
     sharpened: Vec<DVec3>,
     interpolation: Interpolation,
+    /// Whether pictures are smooth functions of the scene: points are not chosen by the light there.
+    is_smooth: bool,
     /// What rays meet; `None` unless glossy faces reflect by rays.
     surroundings: Option<Arc<Surroundings>>,
     views: Vec<View>,
@@ -154,6 +157,7 @@ impl Light {
             indirect_irradiance,
             direct_irradiance,
             interpolation,
+            is_smooth: reflections != Reflections::Rays,
             surroundings,
             views,
         })
@@ -235,7 +239,7 @@ impl Light {
         pixels: &mut [[f64; 4]],
         difference: &(dyn Fn(&Points, Option<&Held>) -> Vec<Estimate> + Sync),
     ) -> Result<f64, RankError> {
-        let sights = self.sights(view, coverage);
+        let sights = self.sights(view, coverage)?;
         let samples = self.samples(view, &sights);
         let of_run = |k: usize| difference(&sights.runs[k], samples.as_ref().map(|of_runs| &of_runs[k]));
         let found = self.direct.ranks().map(sights.runs.len(), of_run)?;
@@ -264,9 +268,25 @@ impl Light {
             .collect()
     }
 
-    fn sights(&self, View { camera, sights, .. }: &View, coverage: &Coverage) -> Arc<Sights> {
-        let lamps = self.direct.lamps().len();
-        sights.of(coverage.faces_in_pixels().collect(), |seen| Sights::new(&self.sight(camera), seen, lamps))
+    fn sights(&self, view: &View, coverage: &Coverage) -> Result<Arc<Sights>, RankError> {
+        let (lamps, sight) = (self.direct.lamps().len(), self.sight(&view.camera));
+        view.sights.of(coverage.faces_in_pixels().collect(), |seen| {
+            let whole = Sights::new(&sight, seen.to_vec(), lamps);
+            if self.is_smooth || !self.direct.has_sharp_shadows() {
+                return Ok(whole);
+            }
+            let of_run = |k: usize| self.direct.sunlit(&self.facets, whole.runs[k].face, &whole.runs[k].at);
+            let mut sunlit = vec![Vec::new(); seen.len()];
+            for (run, found) in whole.runs.iter().zip(self.direct.ranks().map(whole.runs.len(), of_run)?) {
+                run.of.iter().zip(found).for_each(|(&place, shares)| sunlit[place] = shares);
+            }
+            let is_glossy = |face: usize| self.materials[face].is_glossy();
+            Ok(Sights::new(
+                &sight,
+                edges::cut(&sight, seen, &sunlit, coverage.width() as usize, is_glossy),
+                lamps,
+            ))
+        })
     }
 
     /// The rays of each run of points, where there are some and these are held.

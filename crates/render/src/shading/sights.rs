@@ -99,22 +99,32 @@ impl Sights {
 
 /// The sights of one camera, once they are known; clones share them.
 #[derive(Clone, Debug, Default)]
-pub struct Kept(Arc<Mutex<Option<Arc<Sights>>>>);
+pub struct Kept(Arc<Mutex<Option<Known>>>);
+
+/// Sights, and what pixels show, which they are made of.
+#[derive(Debug)]
+struct Known {
+    shown: Vec<FaceInPixel>,
+    sights: Arc<Sights>,
+}
 
 impl Kept {
-    /// The sights of the faces seen, which are computed unless known.
-    pub fn of(
+    /// The sights of the faces that pixels show, which are computed unless known.
+    ///
+    /// # Errors
+    /// Fails if `compute` does.
+    pub fn of<E>(
         &self,
-        seen: Vec<FaceInPixel>,
-        compute: impl FnOnce(Vec<FaceInPixel>) -> Sights,
-    ) -> Arc<Sights> {
+        shown: Vec<FaceInPixel>,
+        compute: impl FnOnce(&[FaceInPixel]) -> Result<Sights, E>,
+    ) -> Result<Arc<Sights>, E> {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(sights) = kept.as_ref().filter(|sights| sights.seen == seen) {
-            return sights.clone();
+        if let Some(known) = kept.as_ref().filter(|known| known.shown == shown) {
+            return Ok(known.sights.clone());
         }
-        let sights = Arc::new(compute(seen));
-        *kept = sights.held.then(|| sights.clone());
-        sights
+        let sights = Arc::new(compute(&shown)?);
+        *kept = sights.held.then(|| Known { shown, sights: sights.clone() });
+        Ok(sights)
     }
 }
 
