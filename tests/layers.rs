@@ -15,12 +15,15 @@ const LAYERS: [(&str, &[&str]); 29] = [
     ("solve", &[]),
     ("ranks", &[]),
     ("usage", &[]),
-    ("direct", &["model", "ranks", "scene"]),
-    ("plan", &["direct", "model", "options", "scene"]),
     ("gpu", &["options", "output", "ranks", "usage", "watch"]),
+    ("direct", &["gpu", "model", "ranks", "scene"]),
+    ("plan", &["direct", "model", "options", "scene"]),
     ("backend", &["gpu", "options", "ranks", "scene", "usage", "watch"]),
     ("shaders", &["gpu", "scene"]),
-    ("transport", &["backend", "gpu", "model", "plan", "ranks", "scene", "shaders", "solve", "usage"]),
+    (
+        "transport",
+        &["backend", "direct", "gpu", "model", "plan", "ranks", "scene", "shaders", "solve", "usage"],
+    ),
     ("revision", &[]),
     (
         "engine",
@@ -44,7 +47,10 @@ const LAYERS: [(&str, &[&str]); 29] = [
     ("path_tracer", &["image", "scene"]),
     ("reference", &["model", "scene", "solve"]),
     ("warnings", &["direct", "model", "options", "path_tracer", "plan", "scene"]),
-    ("shading", &["direct", "engine", "gradients", "image", "model", "plan", "ranks", "scene", "solve"]),
+    (
+        "shading",
+        &["direct", "engine", "gpu", "gradients", "image", "model", "plan", "ranks", "scene", "solve"],
+    ),
     (
         "render",
         &["backend", "engine", "gradients", "image", "options", "plan", "ranks", "scene", "shading", "solve"],

@@ -31,28 +31,33 @@ real3 side_vector(real3 a, real3 b) {
     return sine > SHORTEST * (dot(a, a) + dot(b, b)) ? c * (angle / sine) : real3(0.0);
 }
 
-// The part of a side above the horizon: its angle times the unit normal of its plane, along `normal`. Where it
-// crosses, `leave` or `enter` becomes the point at which the outline leaves the upper half-space or enters it again.
-real upper_side(real3 normal, real3 a, real3 b, real ha, real hb, inout real3 leave, inout real3 enter) {
+// The part of a side above the horizon: its angle times the unit normal of its plane. Where it crosses, `leave` or `enter` becomes the point
+// at which the outline leaves the upper half-space or enters it again.
+real3 upper_side(real3 a, real3 b, real ha, real hb, inout real3 leave, inout real3 enter) {
     bool above_a = ha > 0.0, above_b = hb > 0.0;
     real3 crossing = above_a != above_b ? mix(a, b, ha / (ha - hb)) : real3(0.0);
     leave = above_a && !above_b ? crossing : leave;
     enter = above_b && !above_a ? crossing : enter;
     // A side below the horizon has no angle: both ends are the crossing.
-    return dot(side_vector(above_a ? a : crossing, above_b ? b : crossing), normal);
+    return side_vector(above_a ? a : crossing, above_b ? b : crossing);
 }
 
-// ∫ cosθ dω over a triangle whose corners are given relative to the point, clipped at the horizon of the normal, in
-// [0, π]: Lambert's polygon formula. The sign of the triangle's orientation is dropped.
-real projected_solid_angle(real3 normal, real3 p, real3 q, real3 r) {
+// ∫ ω dω over a triangle whose corners are given relative to the point, clipped at the horizon of the normal: Lambert's polygon formula. The
+// sign of the triangle's orientation is dropped.
+real3 vector_irradiance(real3 normal, real3 p, real3 q, real3 r) {
     real hp = dot(p, normal), hq = dot(q, normal), hr = dot(r, normal);
     // Set both or neither.
     real3 leave = real3(0.0), enter = real3(0.0);
-    real sum = upper_side(normal, p, q, hp, hq, leave, enter);
-    sum += upper_side(normal, q, r, hq, hr, leave, enter);
-    sum += upper_side(normal, r, p, hr, hp, leave, enter);
-    sum += dot(side_vector(leave, enter), normal);
-    return 0.5 * abs(sum);
+    real3 sum = upper_side(p, q, hp, hq, leave, enter);
+    sum += upper_side(q, r, hq, hr, leave, enter);
+    sum += upper_side(r, p, hr, hp, leave, enter);
+    sum += side_vector(leave, enter);
+    return dot(sum, normal) < 0.0 ? -0.5 * sum : 0.5 * sum;
+}
+
+// ∫ cosθ dω over the same, in [0, π].
+real projected_solid_angle(real3 normal, real3 p, real3 q, real3 r) {
+    return dot(vector_irradiance(normal, p, q, r), normal);
 }
 
 #endif

@@ -1,7 +1,7 @@
 //! The engine: a planned scene on a device, solved.
 
 use crate::backend::Backend;
-use crate::direct::{DirectLight, Lamp};
+use crate::direct::{DirectError, DirectLight, Lamp};
 use crate::engine_direct::{Direct, lamps_of};
 use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, RankWeights, Residency};
 use crate::revision::{Difference, Revision};
@@ -434,6 +434,7 @@ impl PlanOptions {
             staging: if info.is_some() { antirad_gpu::staging_bytes() } else { 0 },
             page: if info.is_some() { max_buffer } else { Self::default().page },
             backend: backend.kind(),
+            trace_lamps: backend.gpu().is_some(),
             rank: ranks.rank() as u32,
             ranks: ranks.count() as u32,
             weights: RankWeights::of_budgets(&budgets),
@@ -448,14 +449,27 @@ impl From<RankError> for EngineError {
     }
 }
 
+impl From<DirectError> for EngineError {
+    fn from(error: DirectError) -> Self {
+        match error {
+            DirectError::Gpu(error) => error.into(),
+            DirectError::Ranks(error) => error.into(),
+        }
+    }
+}
+
 /// The light of lamps, which ranks compute together.
 fn direct_light(
     backend: &Backend,
     scene: &Scene,
     plan: &Plan,
     lamps: Vec<Lamp>,
-) -> Result<DirectLight, RankError> {
-    DirectLight::new(backend.ranks(), &plan.facets, lamps, plan.visibility, |i| scene.material(i))
+) -> Result<DirectLight, DirectError> {
+    let (ranks, facets, material) = (backend.ranks(), &plan.facets, |i| scene.material(i));
+    match transport::tracer(backend, plan) {
+        Some(tracer) => DirectLight::traced(ranks, facets, lamps, material, tracer),
+        None => Ok(DirectLight::new(ranks, facets, lamps, plan.visibility, material)?),
+    }
 }
 
 impl Engine {
@@ -577,7 +591,7 @@ impl Engine {
         let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
         let lamps = lamps_of(scene, &plan.lamps);
         let light = direct.light.relit(&lamps).filter(|light| light.receivers() == plan.facets.len());
-        let direct = match light {
+        let direct = match light.filter(|light| !light.is_traced()) {
             Some(light) => light.moved(&plan.facets)?,
             None => direct_light(&backend, scene, &plan, lamps)?,
         };

@@ -19,8 +19,23 @@ impl Ranks {
     where
         T: Serialize + DeserializeOwned + Send,
     {
-        let numbers: Vec<usize> = (0..count).filter(|&number| self.computes(number) == self.rank()).collect();
-        let own: Vec<T> = numbers.into_par_iter().map_init(init, of).collect();
+        let own = self.own(count).into_par_iter().map_init(init, of).collect();
+        self.merged(count, own)
+    }
+
+    /// Those of the numbers below `count` that this rank computes, ascending.
+    pub fn own(&self, count: usize) -> Vec<usize> {
+        (0..count).filter(|&number| self.computes(number) == self.rank()).collect()
+    }
+
+    /// The results for all numbers below `count`, in order, where `own` are those for [`own`](Self::own). All ranks call it.
+    ///
+    /// # Errors
+    /// Fails if another rank has ended, or does not run the same program.
+    pub fn merged<T>(&self, count: usize, own: Vec<T>) -> Result<Vec<T>, RankError>
+    where
+        T: Serialize + DeserializeOwned,
+    {
         if self.count() == 1 {
             return Ok(own);
         }

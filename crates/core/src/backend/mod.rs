@@ -102,6 +102,11 @@ impl Backend {
         }
     }
 
+    /// The Vulkan device, if its kernels are those of a GPU: it takes over what the host does otherwise on all cores.
+    pub fn gpu(&self) -> Option<&Device> {
+        self.vulkan().filter(|device| device.kernels_for() != DeviceKind::Cpu)
+    }
+
     /// The processes that this one works with.
     pub fn ranks(&self) -> &Ranks {
         match self {

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// Triangles per leaf of the search.
-const LEAF: usize = 4;
+pub const LEAF: usize = 4;
 /// Sine of the largest angle between normals of a polygon, and its largest height over its plane as a fraction of the height up to which
 /// points count as in a plane: little more than rounding, since shadows count as exact.
 const PARALLEL: f64 = 1e-9;
@@ -82,16 +82,10 @@ impl Blockers {
             .into_iter()
             .for_each(|group| cut_into_convex(facets, group, &mut polygons));
 
-        let mut fans = Vec::with_capacity(polygons.len());
-        let mut fan_facets = Vec::with_capacity(polygons.len());
+        let (fans, fan_facets): (Vec<u32>, Vec<Facet>) = cut_into_fans(facets, &polygons).unzip();
         let mut singles = Vec::new();
         let mut triangles = Vec::with_capacity(polygons.len());
-        let corner = |[i, k]: [u32; 2]| facets[i as usize].corners[k as usize];
-        for (p, polygon) in (0..).zip(&polygons) {
-            for pair in polygon.corners[1..].windows(2) {
-                fans.push(p);
-                fan_facets.push(Facet::new([polygon.corners[0], pair[0], pair[1]].map(corner)));
-            }
+        for polygon in &polygons {
             triangles.push((polygons.len() + singles.len()) as u32);
             if polygon.triangles.len() > 1 {
                 singles.extend(polygon.triangles.iter().map(|&i| Polygon::single(i)));
@@ -122,8 +116,14 @@ impl Blockers {
         self.polygons[..self.count()].iter()
     }
 
+    /// The tree, of leaves of at most [`LEAF`] triangles, and the triangles in its order.
+    pub fn tree(&self, facets: &[Facet]) -> (&Hierarchy, Vec<Facet>) {
+        let fans: Vec<Facet> =
+            cut_into_fans(facets, &self.polygons[..self.count()]).map(|(_, fan)| fan).collect();
+        (&self.tree, self.order.iter().map(|&fan| fans[fan as usize]).collect())
+    }
+
     /// How many polygons block light.
-    #[cfg(test)]
     pub fn count(&self) -> usize {
         self.triangles.len()
     }
@@ -287,6 +287,16 @@ fn twins(facets: &[Facet], polygons: &[Polygon]) -> (Vec<u32>, Vec<u32>) {
     let agreed = |edge: usize| best[edge].filter(|&other| best[other as usize] == Some(edge as u32));
     let twins = (0..edges.len()).map(|edge| agreed(edge).map_or(NO_TWIN, |other| owners[other as usize]));
     (twins.collect(), firsts)
+}
+
+/// The triangles of the fans into which polygons are cut, each with the number of its polygon.
+fn cut_into_fans(facets: &[Facet], polygons: &[Polygon]) -> impl Iterator<Item = (u32, Facet)> {
+    let corner = |[i, k]: [u32; 2]| facets[i as usize].corners[k as usize];
+    let fan = move |(p, polygon): (u32, &Polygon)| {
+        let corners: Vec<DVec3> = polygon.corners.iter().map(|&c| corner(c)).collect();
+        (2..corners.len()).map(move |k| (p, Facet::new([corners[0], corners[k - 1], corners[k]])))
+    };
+    (0..).zip(polygons).flat_map(fan)
 }
 
 /// Area and centroid.

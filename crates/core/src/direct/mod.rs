@@ -13,21 +13,26 @@ mod lamps;
 mod lobes;
 mod polygon;
 mod quadrature;
+mod rays;
 mod sampling;
 mod shaft;
 mod solid;
 mod subtraction;
 mod sun;
+mod surface;
 mod trapezoids;
 mod visible;
 
 pub use cone::vector_irradiance;
 pub use lamps::{FEW as FEW_LAMPS, Lamp, lamps, suns};
 pub use polygon::Polygon;
-pub use sampling::{STEPS, mixed};
+pub use rays::{DirectError, Look, RayScene, Traced, Tracer};
+pub use sampling::{STEPS, Sampling, Sums, mixed, sobol};
+pub use surface::{Flat, Surface, within};
 
 use crate::model::{Facet, FacetGradient, pull_unit};
 use antirad_base::ranks::{RankError, Ranks};
+use antirad_gpu::GpuError;
 use antirad_scene::Material;
 use blockers::Blockers;
 use derivative::{Contributions, Sight};
@@ -36,7 +41,8 @@ use highlight::Lobe;
 use quadrature::Cuts;
 pub use quadrature::{POINTS, Sample};
 use rayon::prelude::*;
-use sampling::{FEW, Origin, Sampling, Share};
+use rays::{Lit, Tracing};
+use sampling::{FEW, Origin, Share};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -64,6 +70,8 @@ pub struct DirectLight {
     blockers: Blockers,
     /// Rays to lamps; `None` where visibility is exact.
     sampling: Option<Sampling>,
+    /// A kernel that traces such rays from many points at once.
+    tracing: Option<Tracing>,
     lamps: Vec<Lamp>,
     receivers: usize,
     /// Mean irradiance per radiance, sr, by receiver, then lamp: [`Self::factors`].
@@ -91,6 +99,57 @@ impl DirectLight {
         Self::compute(ranks.clone(), facets, lamps, sampling, None)
     }
 
+    /// Computes the light of lamps on triangles as [`Self::new`] does, by rays that a kernel traces from points. `tracer`: makes it.
+    ///
+    /// # Errors
+    /// Fails if the device does, or if another rank has ended or does not run the same program.
+    pub fn traced<'a>(
+        ranks: &Ranks,
+        facets: &[Facet],
+        lamps: Vec<Lamp>,
+        material: impl Fn(usize) -> &'a Material,
+        tracer: impl FnOnce(&RayScene) -> Result<Arc<dyn Tracer>, GpuError>,
+    ) -> Result<Self, DirectError> {
+        let unlit = Self::of_points(facets, lamps, Visibility::Sampled, &material);
+        let (usual, radiance) = (usual(facets, &unlit.lamps), unlit.radiance(&material));
+        let tracer = tracer(&unlit.ray_scene(facets))?;
+        let tracing = Tracing::new(tracer, &unlit.lamps, &radiance, &usual);
+        let geometry = unlit.geometry(facets);
+        let placed: Vec<Placed> = unlit.lamps.iter().map(|lamp| geometry.place(lamp)).collect();
+        let mut found = Vec::new();
+        for receivers in ranks.own(facets.len()).chunks(RECEIVERS) {
+            let faced = |&receiver: &usize| {
+                let lamps = placed.iter().enumerate();
+                lamps.filter(move |(_, lamp)| geometry.faces(receiver, lamp)).map(move |(l, _)| [receiver, l])
+            };
+            let pairs: Vec<[usize; 2]> = receivers.iter().flat_map(faced).collect();
+            let usual: Vec<f64> = pairs.iter().map(|&[_, l]| usual[l]).collect();
+            let means = quadrature::means(&usual, &mut |points, width| {
+                let look = |&(pair, b): &(usize, DVec3)| {
+                    let [receiver, lamp]: [usize; 2] = pairs[pair];
+                    let Facet { corners, normal, .. } = facets[receiver];
+                    Look { point: at(corners, b), normal, lamp }
+                };
+                let looks: Vec<Look> = points.iter().map(look).collect();
+                let lit = tracing.light(&looks, rays::OF_SAMPLE, 1.0 / width)?;
+                Ok::<_, GpuError>(lit.iter().map(|lit| lit.irradiance).collect())
+            })?;
+            let mut of_pairs = pairs.iter().zip(means).peekable();
+            for &receiver in receivers {
+                let dark = || (Share::NOTHING, Cuts::default());
+                let of_lamp = |l: usize| {
+                    of_pairs.next_if(|(pair, _)| **pair == [receiver, l]).map_or_else(dark, |(_, mean)| mean)
+                };
+                found.push((0..placed.len()).map(of_lamp).collect());
+            }
+        }
+        let found = ranks.merged(facets.len(), found)?;
+        drop(placed);
+        let Self { blockers, sampling, lamps, .. } = unlit;
+        let light = Self::of_found(ranks.clone(), found, blockers, sampling, lamps);
+        Ok(Self { tracing: Some(tracing), ..light })
+    }
+
     /// Rays, the more to a lamp the more it emits.
     fn sampling<'a>(
         facets: &[Facet],
@@ -116,7 +175,12 @@ impl DirectLight {
     fn among(blockers: Blockers, lamps: Vec<Lamp>) -> Self {
         let (factors, errors, cuts) = (Vec::new(), Vec::new(), BTreeMap::new());
         let ranks = Ranks::default();
-        Self { ranks, blockers, sampling: None, lamps, receivers: 0, factors, errors, cuts }
+        Self { ranks, blockers, sampling: None, tracing: None, lamps, receivers: 0, factors, errors, cuts }
+    }
+
+    /// What rays from these triangles to lamps may meet.
+    pub fn ray_scene(&self, facets: &[Facet]) -> RayScene {
+        RayScene::new(facets, &self.blockers, &self.lamps)
     }
 
     /// Prepares light at points of triangles alone, as if nothing stood between lamps and points.
@@ -178,7 +242,7 @@ impl DirectLight {
     /// # Errors
     /// Fails if another rank has ended, or does not run the same program.
     pub fn moved(&self, facets: &[Facet]) -> Result<Self, RankError> {
-        let sampling = self.sampling.as_ref().map(|sampling| sampling.moved(facets));
+        let sampling = self.sampling.as_ref().map(|sampling| sampling.moved(facets, &self.lamps));
         Self::compute(self.ranks.clone(), facets, self.lamps.clone(), sampling, Some(&self.cuts))
     }
 
@@ -215,7 +279,20 @@ impl DirectLight {
             placed.iter().enumerate().map(of_lamp).collect()
         };
         let found = ranks.map_init(facets.len(), Visible::default, of_receiver)?;
-        let mut factors = Vec::with_capacity(facets.len() * lamps.len());
+        drop(placed);
+        Ok(Self::of_found(ranks, found, blockers, sampling, lamps))
+    }
+
+    /// `found`: the light of each lamp on each receiver.
+    fn of_found(
+        ranks: Ranks,
+        found: Vec<Vec<(Share, Cuts)>>,
+        blockers: Blockers,
+        sampling: Option<Sampling>,
+        lamps: Vec<Lamp>,
+    ) -> Self {
+        let receivers = found.len();
+        let mut factors = Vec::with_capacity(receivers * lamps.len());
         let mut errors = Vec::new();
         let mut cuts = BTreeMap::new();
         for (receiver, of_lamps) in found.into_iter().enumerate() {
@@ -229,7 +306,7 @@ impl DirectLight {
                 }
             }
         }
-        Ok(Self { ranks, receivers: facets.len(), blockers, sampling, lamps, factors, errors, cuts })
+        Self { ranks, receivers, blockers, sampling, tracing: None, lamps, factors, errors, cuts }
     }
 
     /// The ranks that compute the light together.
@@ -239,6 +316,11 @@ impl DirectLight {
 
     fn geometry<'a>(&'a self, facets: &'a [Facet]) -> Geometry<'a> {
         Geometry { facets, blockers: &self.blockers }
+    }
+
+    /// Whether a kernel traces rays.
+    pub fn is_traced(&self) -> bool {
+        self.tracing.is_some()
     }
 
     /// How much of lamps points see.
@@ -397,6 +479,39 @@ impl DirectLight {
             light[k][l] = sight.vector_irradiance(visible);
         });
         light
+    }
+
+    /// [`Self::at_points`] of several faces, each with its points: by kernels where these compute the light.
+    ///
+    /// # Errors
+    /// Fails if the device does.
+    pub fn at_faces(
+        &self,
+        facets: &[Facet],
+        faces: &[(usize, &[DVec3])],
+    ) -> Result<Vec<Vec<Vec<DVec3>>>, GpuError> {
+        let Some(tracing) = &self.tracing else {
+            let of = |&(face, points): &(usize, &[DVec3])| self.at_points(facets, face, points);
+            return Ok(faces.par_iter().map(of).collect());
+        };
+        let geometry = self.geometry(facets);
+        let placed: Vec<Placed> = self.lamps.iter().map(|lamp| geometry.place(lamp)).collect();
+        let mut light: Vec<Vec<Vec<DVec3>>> =
+            faces.iter().map(|(_, points)| vec![vec![DVec3::ZERO; placed.len()]; points.len()]).collect();
+        let (mut places, mut looks) = (Vec::new(), Vec::new());
+        for (f, &(face, points)) in faces.iter().enumerate() {
+            let normal = facets[face].normal;
+            for (lamp, _) in placed.iter().enumerate().filter(|(_, lamp)| geometry.faces(face, lamp)) {
+                places.extend((0..points.len()).map(|k| [f, k, lamp]));
+                looks.extend(points.iter().map(|&point| Look { point, normal, lamp }));
+            }
+        }
+        for ([f, k, lamp], Lit { phi, .. }) in
+            places.into_iter().zip(tracing.light(&looks, rays::OF_PIXEL, 1.0)?)
+        {
+            light[f][k][lamp] = phi;
+        }
+        Ok(light)
     }
 
     /// The transpose of the derivative of [`Self::at_points`]: contributions by triangle, from the derivative of a loss by each Φ. The

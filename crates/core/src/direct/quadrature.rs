@@ -1,5 +1,6 @@
 //! Quadrature over a receiver: its points are placed so that the mean is right where a penumbra crosses it.
 
+use super::sampling::Share;
 use crate::model::quarters;
 use glam::DVec3;
 
@@ -26,6 +27,8 @@ pub const POINTS: [([f64; 3], f64); 7] = {
 
 /// Error of the mean at which a cell is not cut further, as a fraction of the largest value or of what is usual.
 const TOLERANCE: f64 = 5e-3;
+/// Unevenness that noise alone makes in a cell, in standard errors of its values.
+const NOISE: f64 = 2.0;
 /// Cuts of a cell at most; each has half the length.
 const DEEPEST: u32 = 5;
 
@@ -59,17 +62,22 @@ fn walk(mut cut: impl FnMut(f64, u32, &[Sample; 7]) -> bool) -> Vec<Sample> {
     let mut samples = Vec::new();
     while let Some((cell, depth)) = cells.pop() {
         let weight = 0.25_f64.powi(depth as i32);
-        let of_cell = POINTS.map(|(b, w)| Sample {
-            barycentric: cell[0] * b[0] + cell[1] * b[1] + cell[2] * b[2],
-            weight: weight * w,
-        });
-        if cut(weight, depth, &of_cell) {
+        let own = of_cell(cell, weight);
+        if cut(weight, depth, &own) {
             cells.extend(quarters(cell).map(|cell| (cell, depth + 1)));
         } else {
-            samples.extend(of_cell);
+            samples.extend(own);
         }
     }
     samples
+}
+
+/// The samples of a cell with such a share of the triangle's area.
+fn of_cell(cell: Cell, weight: f64) -> [Sample; 7] {
+    POINTS.map(|(b, w)| Sample {
+        barycentric: cell[0] * b[0] + cell[1] * b[1] + cell[2] * b[2],
+        weight: weight * w,
+    })
 }
 
 /// The mean of a function over a triangle. Cells are cut where the samples say that the function is not smooth, unless it is far below
@@ -90,6 +98,78 @@ pub fn mean(usual: f64, least: u32, function: &mut dyn FnMut(DVec3) -> f64) -> (
     });
     // In the order of `samples`: with the same cuts, means are the same to the last bit.
     (kept.iter().sum(), if cuts.len() > 1 { Cuts(cuts) } else { Cuts::default() })
+}
+
+/// What functions are at points, by number and barycentric coordinates, with standard errors, where cells have such a share of the length
+/// of their triangles.
+pub type Values<'a, E> = dyn FnMut(&[(usize, DVec3)], f64) -> Result<Vec<Share>, E> + 'a;
+
+/// A cell of one of several triangles: the values of its samples, and where the cells begin that it is cut into.
+struct Known {
+    values: [Share; 7],
+    quarters: Option<usize>,
+}
+
+/// The means of functions over triangles, as [`mean`] finds them, but with all values of one depth asked for at once, and noise does not
+/// count as unevenness. `usual`: that of each function.
+pub fn means<E>(usual: &[f64], values: &mut Values<E>) -> Result<Vec<(Share, Cuts)>, E> {
+    let mut largest = usual.to_vec();
+    let mut cells: Vec<(usize, Cell)> = (0..usual.len()).map(|function| (function, WHOLE)).collect();
+    let mut known: Vec<Known> = Vec::new();
+    for depth in 0..=DEEPEST {
+        let samples = |&(function, cell): &(usize, Cell)| {
+            of_cell(cell, 1.0).map(|sample| (function, sample.barycentric))
+        };
+        let width = 0.5_f64.powi(depth as i32);
+        let found = values(&cells.iter().flat_map(samples).collect::<Vec<_>>(), width)?;
+        let (found, _) = found.as_chunks::<7>();
+        for ((function, _), values) in cells.iter().zip(found) {
+            let most = values.iter().map(|share| share.value.abs());
+            largest[*function] = most.fold(largest[*function], f64::max);
+        }
+        let mut finer = Vec::new();
+        let after = known.len() + cells.len();
+        for (&(function, cell), &values) in cells.iter().zip(found) {
+            let variance = values.iter().map(|share| share.error * share.error).sum::<f64>() / 7.0;
+            let error = error(&values.map(|share| share.value)) - NOISE * variance.sqrt();
+            let cut = depth < DEEPEST && error * width > TOLERANCE * largest[function];
+            known.push(Known { values, quarters: cut.then_some(after + finer.len()) });
+            if cut {
+                finer.extend(quarters(cell).map(|cell| (function, cell)));
+            }
+        }
+        cells = finer;
+        if cells.is_empty() {
+            break;
+        }
+    }
+    Ok((0..usual.len()).map(|root| gathered(&known, root)).collect())
+}
+
+/// The mean of the function whose whole triangle is the cell `root`.
+fn gathered(known: &[Known], root: usize) -> (Share, Cuts) {
+    let mut cells = vec![root];
+    let mut cuts = Vec::new();
+    let (mut mean, mut variance) = (0.0, 0.0);
+    walk(|_, _, samples| {
+        let Some(Known { values, quarters }) = cells.pop().and_then(|cell| known.get(cell)) else {
+            return false;
+        };
+        cuts.push(quarters.is_some());
+        match quarters {
+            Some(first) => cells.extend(*first..first + 4),
+            None => {
+                mean += samples.iter().zip(values).map(|(of, share)| of.weight * share.value).sum::<f64>();
+                variance += samples
+                    .iter()
+                    .zip(values)
+                    .map(|(of, share)| (of.weight * share.error).powi(2))
+                    .sum::<f64>();
+            }
+        }
+        quarters.is_some()
+    });
+    (Share { value: mean, error: variance.sqrt() }, if cuts.len() > 1 { Cuts(cuts) } else { Cuts::default() })
 }
 
 /// The samples of a triangle with given cuts.

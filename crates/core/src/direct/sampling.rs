@@ -5,6 +5,7 @@
 
 use super::highlight::Lobe;
 use super::lamps::Lamp;
+use super::surface::{Surface, within};
 use super::visible::Placed;
 use crate::model::Facet;
 use antirad_scene::Rays;
@@ -21,15 +22,16 @@ pub const FEW: usize = 24;
 const TO_ALL: f64 = 256.0;
 const TO_EACH: f64 = 128.0;
 
-/// Steps of a sequence that fills the unit cube of four dimensions evenly: powers of the inverse of the real root of x⁵ = x + 1
+/// Steps of a sequence that fills the unit square evenly, in units of 2^-32: powers of the inverse of the real root of x³ = x + 1
 /// (M. Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
-pub const STEPS: [f64; 4] =
-    [0.856_674_883_854_502_9, 0.733_891_856_627_126, 0.628_706_721_037_808_7, 0.538_597_257_223_610_1];
+pub const STEPS: [u32; 2] = [3_242_174_889, 2_447_445_414];
 
 /// Rays among the triangles of a scene.
 #[derive(Clone)]
 pub struct Sampling {
     rays: Arc<Rays>,
+    /// Where rays end: each lamp.
+    surfaces: Arc<Vec<Surface>>,
     /// Number of rays to each lamp.
     counts: Arc<Vec<u32>>,
 }
@@ -52,6 +54,47 @@ impl Share {
     pub const NOTHING: Self = Self { value: 0.0, error: 0.0 };
 }
 
+/// Standard error of a share of one half by n rays from a point is about this times n^(-3/4): rays fill lamps evenly, up to the edge of a
+/// shadow. In d dimensions the exponent is -(d + 1)/2d.
+pub const OF_HALF: f64 = 0.5;
+
+/// Sums of the weights of rays: of all, and of those that arrive.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sums {
+    /// Of all rays.
+    pub all: f64,
+    /// Of those that arrive.
+    pub arrive: f64,
+}
+
+impl Sums {
+    /// Whether some arrives, and some does not.
+    pub fn is_in_part(&self) -> bool {
+        self.arrive > 0.0 && self.arrive < self.all
+    }
+
+    /// The share that arrives of a number of rays, which fill so many dimensions; `None` if none has a weight.
+    pub fn share(&self, rays: u32, dimensions: f64) -> Option<Share> {
+        let value = self.arrive / self.all;
+        let error = match rays {
+            // A coin.
+            1 => 0.5,
+            rays => {
+                let falls = f64::from(rays).powf(-0.5 - 0.5 / dimensions);
+                2.0 * OF_HALF * (value * (1.0 - value)).max(0.0).sqrt() * falls
+            }
+        };
+        (self.all > 0.0).then_some(Share { value, error })
+    }
+}
+
+impl std::ops::AddAssign for Sums {
+    fn add_assign(&mut self, other: Self) {
+        self.all += other.all;
+        self.arrive += other.arrive;
+    }
+}
+
 /// The origin of rays.
 #[derive(Clone, Copy)]
 pub enum Origin {
@@ -63,8 +106,6 @@ pub enum Origin {
 impl Sampling {
     /// More rays go to lamps that light more: by radiance, and by the solid angle in which the middle of the scene would see their fronts.
     pub fn new(facets: &[Facet], lamps: &[Lamp], radiance: &[DVec3]) -> Self {
-        let corners = facets.iter().map(|facet| facet.corners).collect();
-        let rays = Arc::new(Rays::among(corners, |i| facets[*i as usize].area > 0.0));
         let emits: HashSet<u32> = lamps.iter().flat_map(Lamp::triangles).copied().collect();
         let others = facets.iter().zip(0..).filter(|(_, i)| !emits.contains(i)).map(|(facet, _)| facet);
         let (sum, area) = others.fold((DVec3::ZERO, 0.0), |(sum, area), facet| {
@@ -87,18 +128,35 @@ impl Sampling {
         let light: Vec<f64> = lamps.iter().zip(radiance).map(light).collect();
         let all = light.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         let count = |light: &f64| (TO_ALL * light / all).ceil().clamp(1.0, TO_EACH) as u32;
-        Self { rays, counts: Arc::new(light.iter().map(count).collect()) }
+        Self::counted(facets, lamps, Arc::new(light.iter().map(count).collect()))
+    }
+
+    fn counted(facets: &[Facet], lamps: &[Lamp], counts: Arc<Vec<u32>>) -> Self {
+        let corners = facets.iter().map(|facet| facet.corners).collect();
+        let rays = Arc::new(Rays::among(corners, |i| facets[*i as usize].area > 0.0));
+        let surfaces = lamps.iter().map(|lamp| Surface::new(facets, lamp)).collect();
+        Self { rays, surfaces: Arc::new(surfaces), counts }
     }
 
     /// The sampling of moved triangles, with as many rays to each lamp.
-    pub fn moved(&self, facets: &[Facet]) -> Self {
-        let corners = facets.iter().map(|facet| facet.corners).collect();
-        let rays = Arc::new(Rays::among(corners, |i| facets[*i as usize].area > 0.0));
-        Self { rays, counts: self.counts.clone() }
+    pub fn moved(&self, facets: &[Facet], lamps: &[Lamp]) -> Self {
+        Self::counted(facets, lamps, self.counts.clone())
+    }
+
+    /// The weights of rays from a point to a lamp, by their numbers, which triangles that are `own` do not block: what kernels find.
+    pub fn from_point(
+        &self,
+        point: DVec3,
+        normal: DVec3,
+        lamp: usize,
+        count: u32,
+        own: impl Fn(usize) -> bool,
+    ) -> Sums {
+        self.sums(Origin::Point(point), normal, lamp, count, None, own)
     }
 
     /// The share of the irradiance of the lamp with a number that arrives at a triangle or a point of it, or of what a lobe there reflects of it.
-    pub fn share(
+    pub(super) fn share(
         &self,
         receiver: usize,
         from: Origin,
@@ -106,122 +164,84 @@ impl Sampling {
         (number, lamp): (usize, &Placed),
         lobe: Option<&Lobe>,
     ) -> Share {
-        let start: DVec3 = match from {
+        let own = |i: usize| i == receiver || lamp.lamp.passes(i as u32);
+        let sums = |lobe| self.sums(from, normal, number, self.counts[number], lobe, own);
+        let dimensions = if let Origin::Point(_) = from { 2.0 } else { 4.0 };
+        let share = |lobe| sums(lobe).share(self.counts[number], dimensions);
+        // Where no ray has met a narrow lobe, that of all light.
+        share(lobe).or_else(|| lobe.and_then(|_| share(None))).unwrap_or(Share::NOTHING)
+    }
+
+    /// The weights of so many rays to a lamp, which triangles that are `own` do not block.
+    fn sums(
+        &self,
+        from: Origin,
+        normal: DVec3,
+        lamp: usize,
+        count: u32,
+        lobe: Option<&Lobe>,
+        own: impl Fn(usize) -> bool,
+    ) -> Sums {
+        let start = match from {
             Origin::Point(point) => point,
             Origin::Triangle(corners) => corners.iter().sum(),
         };
-        let first = lamp.lamp.triangles().first();
-        let mut state = start
-            .to_array()
-            .into_iter()
-            .fold(first.map_or(number as u64, |&i| i.into()), |state, x| mixed(state ^ x.to_bits()));
-        let mut at = STEPS.map(|_| {
-            state = mixed(state);
-            state as f64 / 2f64.powi(64)
-        });
-        // Of every other ray, for the error: all light, and what arrives.
-        let (mut all, mut arrives) = ([0.0; 2], [0.0; 2]);
-        let lamp_fan = Fan::new(&lamp.corners);
-        for ray in 0..self.counts[number] as usize {
-            let point = match &from {
-                Origin::Point(point) => *point,
-                Origin::Triangle(corners) => Fan::new(corners).at([at[2], at[3]]),
+        let surface = &self.surfaces[lamp];
+        let shifts = shifts(start, lamp as u32);
+        let mut sums = Sums::default();
+        for ray in 0..count {
+            let [s, t] = sobol(ray);
+            let point = match from {
+                Origin::Point(point) => point,
+                Origin::Triangle(corners) => {
+                    let place = |k: usize| shifts[2 + k].wrapping_add(ray.wrapping_mul(STEPS[k]));
+                    within(corners, [0, 1].map(|k| f64::from(place(k)) / 2f64.powi(32)))
+                }
             };
-            let to = lamp_fan.at([at[0], at[1]])
-                + match &from {
-                    // A sun, in place as the centroid sees it, goes along with each point.
-                    Origin::Triangle(_) if lamp.lamp.sun().is_some() => point - start / 3.0,
-                    _ => DVec3::ZERO,
-                };
+            let (to, lamp_normal) = surface.from_point(point, [s ^ shifts[0], t ^ shifts[1]]);
             let (towards, squared) = (to - point, to.distance_squared(point));
             // cos θ cos θ' / r², up to a factor.
-            let cosines = [towards.dot(normal), -towards.dot(lamp.normal)].map(|cosine| cosine.max(0.0));
+            let cosines = [towards.dot(normal), -towards.dot(lamp_normal)].map(|cosine| cosine.max(0.0));
             let reflected = lobe.map_or(1.0, |lobe| lobe.at(towards));
             let weight = reflected * cosines[0] * cosines[1] / (squared * squared);
             if weight > 0.0 {
-                all[ray % 2] += weight;
-                let passes = |i: usize| i == receiver || lamp.lamp.passes(i as u32);
-                if !self.rays.blocked(point, to, passes) {
-                    arrives[ray % 2] += weight;
+                sums.all += weight;
+                if !self.rays.blocked(point, to, &own) {
+                    sums.arrive += weight;
                 }
             }
-            for (x, step) in at.iter_mut().zip(STEPS) {
-                *x = (*x + step).fract();
-            }
         }
-        let sum = all[0] + all[1];
-        if sum.is_nan() || sum <= 0.0 {
-            // No ray has met a narrow lobe.
-            return lobe.map_or(Share::NOTHING, |_| self.share(receiver, from, normal, (number, lamp), None));
-        }
-        let error = match all.iter().all(|half| *half > 0.0) {
-            true => 0.5 * (arrives[0] / all[0] - arrives[1] / all[1]).abs(),
-            // One ray is a coin.
-            false => 0.5,
-        };
-        Share { value: (arrives[0] + arrives[1]) / sum, error }
+        sums
     }
+}
+
+/// A point of the sequence of Sobol' (1967) in the unit square, in units of 2^-32: the first 2^k fill it evenly, and so do the next ones. So
+/// they do with some digits flipped.
+pub fn sobol(index: u32) -> [u32; 2] {
+    // Pascal's triangle modulo 2.
+    let steps = [(16, 0xffff_0000), (8, 0xff00_ff00), (4, 0xf0f0_f0f0), (2, 0xcccc_cccc), (1, 0xaaaa_aaaa)];
+    let second = steps.into_iter().fold(index, |digits, (by, of)| digits ^ ((digits & of) >> by));
+    [index, second].map(u32::reverse_bits)
+}
+
+/// How the sequences of a point and a lamp differ from those of others, in units of 2^-32: the same for all points that are the same in f32.
+fn shifts(point: DVec3, lamp: u32) -> [u32; 4] {
+    let bits = point.to_array().map(|x| (x as f32).to_bits());
+    let mut state = bits.into_iter().fold(mixed32(lamp), |state, bits| mixed32(state ^ bits));
+    [0; 4].map(|_| {
+        state = mixed32(state.wrapping_add(1));
+        state
+    })
+}
+
+/// A number that mixes all bits of another (C. Wellons 2018, "Prospecting for hash functions": lowbias32).
+fn mixed32(mut x: u32) -> u32 {
+    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
 }
 
 /// A number that mixes all bits of another: the first of the generator SplitMix64 (Steele, Lea and Flood 2014), the same on every machine.
 pub fn mixed(seed: u64) -> u64 {
     SplitMix64::seed_from_u64(seed).random()
-}
-
-/// A convex polygon as a fan of triangles.
-struct Fan<'a> {
-    corners: &'a [DVec3],
-    /// Areas of the triangles up to each, as shares of the polygon's.
-    sums: Vec<f64>,
-}
-
-impl<'a> Fan<'a> {
-    fn new(corners: &'a [DVec3]) -> Self {
-        let mut sum = 0.0;
-        let area = |pair: &[DVec3]| (pair[0] - corners[0]).cross(pair[1] - corners[0]).length();
-        let mut sums: Vec<f64> = corners[1..]
-            .windows(2)
-            .map(|pair| {
-                sum += area(pair);
-                sum
-            })
-            .collect();
-        sums.iter_mut().for_each(|s| *s /= sum);
-        Self { corners, sums }
-    }
-
-    /// The point at a place of the unit square: areas are kept up to a factor.
-    fn at(&self, [s, t]: [f64; 2]) -> DVec3 {
-        let patch = self.sums.partition_point(|sum| *sum <= s).min(self.sums.len() - 1);
-        let before = patch.checked_sub(1).map_or(0.0, |before| self.sums[before]);
-        let root = ((s - before) / (self.sums[patch] - before)).clamp(0.0, 1.0).sqrt();
-        let [a, b, c] = [0, patch + 1, patch + 2].map(|k| self.corners[k]);
-        a + root * ((b - a) + t * (c - b))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn points_fill_a_polygon_evenly() {
-        let corners: Vec<DVec3> = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 2.0], [0.0, 1.0]]
-            .map(|[x, y]| DVec3::new(x, y, 0.0))
-            .into();
-        let fan = Fan::new(&corners);
-        let (mut at, mut mean, mut low) = ([0.0; 4], DVec3::ZERO, 0);
-        let count = 4000;
-        for _ in 0..count {
-            let point = fan.at([at[0], at[1]]);
-            mean += point / f64::from(count);
-            low += i32::from(point.y < 1.0);
-            for (x, step) in at.iter_mut().zip(STEPS) {
-                *x = (*x + step).fract();
-            }
-        }
-        // A square of 2 x 1 below a triangle of area 1, whose centroid is at height 4/3.
-        assert!((mean - DVec3::new(1.0, (2.0 * 0.5 + 4.0 / 3.0) / 3.0, 0.0)).length() < 1e-2, "{mean}");
-        assert!((f64::from(low) / f64::from(count) - 2.0 / 3.0).abs() < 1e-2, "{low}");
-    }
 }

@@ -28,7 +28,7 @@ pub struct Node {
     pub characteristic_area: f64,
     planes: Planes,
     /// The node at which a walk continues after this branch.
-    next: usize,
+    pub next: usize,
 }
 
 /// Which of some objects extend to one side of the planes of a branch.

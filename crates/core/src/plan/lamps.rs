@@ -2,7 +2,7 @@
 //! visibility.
 
 use super::visibility::why_explicit;
-use super::{GradientRequest, Placement, Plan, PlanError, PlanOptions};
+use super::{Placement, Plan, PlanError, PlanOptions};
 use crate::direct::{DirectLight, FEW_LAMPS, Lamp, Visibility, lamps, suns};
 use crate::model::{Bins, Facet, coplanar_tolerance};
 use antirad_scene::{Lamps, Scene, SolveSettings, Transport};
@@ -45,15 +45,16 @@ pub(crate) struct Chosen {
     pub(crate) emitters: usize,
 }
 
-/// Chooses the lamps of a scene whose direct light is computed separately from U, where `gradients` are
-/// wanted, and where visibility is `explicit`. An error where that is stated and not possible.
+/// Chooses the lamps of a scene whose direct light is computed separately from U, where visibility is `explicit` or not. An error where that is
+/// stated and not possible.
 pub(super) fn choose(
     scene: &Scene,
     facets: &[Facet],
     settings: &SolveSettings,
-    gradients: GradientRequest,
+    options: &PlanOptions,
     explicit: bool,
 ) -> Result<Chosen, PlanError> {
+    let gradients = options.gradients;
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
     let emitters = lamps.len();
     let affordable = |lamps: &[Lamp], others: usize| {
@@ -77,7 +78,15 @@ pub(super) fn choose(
         (few && !moves && !gradients.emission).then_some(Visibility::Sampled)
     };
     let auto = |lamps: &[Lamp]| {
-        if lamps.is_empty() || affordable(lamps, summed) {
+        // Kernels do not know suns.
+        let traced = options.trace_lamps && lamps.iter().all(|lamp| lamp.sun().is_none());
+        if lamps.is_empty() {
+            return Some(Visibility::Exact);
+        }
+        if traced && sampled(lamps).is_some() {
+            return sampled(lamps);
+        }
+        if affordable(lamps, summed) {
             return Some(Visibility::Exact);
         }
         // With derivatives rather exactly than through bins, even where clusters make the solve fast.
@@ -111,7 +120,7 @@ pub fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
     let explicit = explicit.is_ok_and(|why| why.is_some());
     // Nothing is refused without derivatives.
     let Chosen { lamps, visibility, .. } =
-        choose(scene, &facets, &scene.settings, GradientRequest::default(), explicit).unwrap_or_default();
+        choose(scene, &facets, &scene.settings, &PlanOptions::default(), explicit).unwrap_or_default();
     (facets, lamps, visibility)
 }
 
@@ -121,6 +130,13 @@ pub fn has_direct_lamps(scene: &Scene) -> bool {
 }
 
 impl Plan {
+    /// Whether kernels trace the rays that lamps are sampled with.
+    pub fn traces_lamps(&self) -> bool {
+        let surfaces = self.lamps.iter().all(|lamp| lamp.sun().is_none());
+        let sampled = self.visibility == Visibility::Sampled && !self.lamps.is_empty();
+        self.options.trace_lamps && sampled && surfaces
+    }
+
     /// How the light of emitters is computed.
     pub(super) fn lamps_report(&self) -> LampsReport {
         let triangles = self.lamps.iter().map(|lamp| lamp.triangles().len()).sum();
@@ -143,6 +159,12 @@ impl Plan {
             (_, 0, Visibility::Exact) => {
                 format!("direct light of {} with exact visibility", lamps(self.emitters))
             }
+            (_, 0, Visibility::Sampled) if self.traces_lamps() => {
+                format!(
+                    "direct light of {} with visibility by rays, which kernels trace",
+                    lamps(self.emitters)
+                )
+            }
             (_, 0, Visibility::Sampled) => {
                 format!(
                     "direct light of {} with visibility by rays where much stands in between",
@@ -162,6 +184,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::GradientRequest;
     use antirad_scene::{LoadOptions, Material, SceneBuilder, Shape};
     use glam::{DAffine3, DVec3};
 
@@ -200,7 +223,8 @@ mod tests {
         let facets = Placement::of(&scene).facets(&scene);
         let chosen = |transport: Transport, gradients: GradientRequest| {
             let settings = scene.settings.transport(transport);
-            choose(&scene, &facets, &settings, gradients, false).expect("a choice").visibility
+            let options = PlanOptions::default().gradients(gradients);
+            choose(&scene, &facets, &settings, &options, false).expect("a choice").visibility
         };
         let none = GradientRequest::default();
         assert_eq!(chosen(Transport::Hierarchical { error: 0.003 }, none), Visibility::Sampled);
@@ -215,9 +239,21 @@ mod tests {
         let facets = Placement::of(&scene).facets(&scene);
         for transport in [Transport::Auto, Transport::Hierarchical { error: 0.003 }] {
             let settings = scene.settings.transport(transport);
-            let chosen =
-                choose(&scene, &facets, &settings, GradientRequest::default(), false).expect("a choice");
+            let options = PlanOptions::default();
+            let chosen = choose(&scene, &facets, &settings, &options, false).expect("a choice");
             assert_eq!((chosen.visibility, chosen.lamps.len()), (Visibility::Exact, 1), "{transport}");
+            // Kernels trace rays, unless what is wanted or stated needs exact shadows.
+            let traced = options.trace_lamps(true);
+            let moved = traced.gradients(GradientRequest::default().positions(true));
+            let stated = settings.lamps(Lamps::Exact);
+            for (settings, options, expected) in [
+                (&settings, traced, Visibility::Sampled),
+                (&settings, moved, Visibility::Exact),
+                (&stated, traced, Visibility::Exact),
+            ] {
+                let chosen = choose(&scene, &facets, settings, &options, false).expect("a choice");
+                assert_eq!(chosen.visibility, expected, "{transport}");
+            }
         }
     }
 }

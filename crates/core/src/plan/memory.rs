@@ -21,9 +21,22 @@ pub const PARTIAL_SUMS: u64 = 4096;
 /// Two slices of partial sums, and the coefficients of a step of GMRES with the norm of what they leave.
 pub const ALL_SUMS: u64 = 2 * PARTIAL_SUMS + super::LONGEST_RESTART as u64 + 1;
 
+/// Pairs of a point and a lamp whose rays are traced at a time.
+pub const LAMP_PAIRS: u64 = 1 << 17;
+/// Bytes of the staging buffers for them.
+pub const LAMP_STAGING: u64 = 4 << 20;
+/// Reals of a box, of a triangle that blocks or emits, and of a pair with what is found of it; words of a node and of a pair
+/// (crates/core/glsl/lamp_rays.comp).
+const BOX: u64 = 8;
+const FLAT: u64 = 12;
+const PAIR: u64 = 16;
+const NODE_BYTES: u64 = 16;
+const PAIR_BYTES: u64 = 16;
+
 /// Labels of memory that is counted here and allocated elsewhere.
 const STAGING: &str = "staging";
 const PICTURES: &str = "pictures";
+const LAMP_RAYS: &str = "lamp rays";
 
 /// One kind of buffer.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
@@ -49,6 +62,20 @@ pub struct MemoryPlan {
 /// Bytes of the bins of one triangle.
 pub(super) fn bin_bytes(bins: &Bins, channels: u32, precision: Precision) -> u64 {
     bins.count() as u64 * u64::from(channels) * precision.bytes()
+}
+
+impl Plan {
+    /// Bytes that the kernel of rays to lamps takes at most: polygons have no more triangles than the scene, and a tree over leaves of four
+    /// less than half as many nodes.
+    fn lamp_rays_bytes(&self) -> u64 {
+        let real = self.settings.precision.bytes();
+        let triangles = self.facets.len() as u64 + 4;
+        let emitters: u64 = self.lamps.iter().map(|lamp| lamp.triangles().len() as u64).sum();
+        let scene = triangles / 2 * (BOX * real + NODE_BYTES) + triangles * FLAT * real;
+        let lamps = emitters * (FLAT * real + 4) + (self.lamps.len() as u64 + 1) * 4;
+        let pairs = LAMP_PAIRS * (PAIR * real + PAIR_BYTES);
+        scene + lamps + pairs + LAMP_STAGING + 9 * ROUNDING
+    }
 }
 
 impl MemoryPlan {
@@ -84,6 +111,9 @@ impl MemoryPlan {
         }
         if plan.options.pictures > 0 {
             memory.add(PICTURES, plan.options.pictures, 1);
+        }
+        if plan.traces_lamps() {
+            memory.add(LAMP_RAYS, plan.lamp_rays_bytes(), 1);
         }
         memory
     }
@@ -262,7 +292,8 @@ impl MemoryPlan {
 
     /// The items that the engine allocates itself.
     pub fn own(&self) -> impl Iterator<Item = &MemoryItem> {
-        self.items.iter().filter(|item| item.label != STAGING && item.label != PICTURES)
+        let elsewhere = [STAGING, PICTURES, LAMP_RAYS];
+        self.items.iter().filter(move |item| !elsewhere.contains(&item.label.as_str()))
     }
 
     pub(super) fn check_buffers(&self, limit: u64) -> Result<(), PlanError> {

@@ -25,7 +25,7 @@ pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, 
 pub use lamps::LampsReport;
 pub use lamps::{direct_lamps, has_direct_lamps};
 pub use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
-pub use memory::{ALL_SUMS, PARTIAL_SUMS};
+pub use memory::{ALL_SUMS, LAMP_PAIRS, LAMP_STAGING, PARTIAL_SUMS};
 pub use memory::{MemoryItem, MemoryPlan};
 pub use near_matrix::{
     Block, IncidentPart, NO_ROW, NearField, NearMatrix, OutgoingPart, SLICE, SlicedMatrix,
@@ -76,6 +76,8 @@ pub struct PlanOptions {
     pub keep_near_field: bool,
     /// The backend that executes the plan.
     pub backend: BackendKind,
+    /// Whether its kernels trace rays to lamps: direct light then comes by rays, unless stated otherwise or differentiated by positions.
+    pub trace_lamps: bool,
     /// Number of this process among those that solve the scene together, from 0.
     pub rank: u32,
     /// How many processes solve the scene together: each computes its share of every pass.
@@ -96,6 +98,7 @@ setters!(PlanOptions {
     gradients: GradientRequest,
     keep_near_field: bool,
     backend: BackendKind,
+    trace_lamps: bool,
     rank: u32,
     ranks: u32,
     weights: RankWeights,
@@ -148,6 +151,7 @@ impl Default for PlanOptions {
             gradients: GradientRequest::NOTHING,
             keep_near_field: true,
             backend: BackendKind::Cpu,
+            trace_lamps: false,
             rank: 0,
             ranks: 1,
             weights: RankWeights::EVEN,
@@ -349,7 +353,7 @@ impl Plan {
         let explicit = transport.is_explicit();
         let Chosen { lamps, visibility, emitters } = match options.occlusion {
             Occlusion::Nothing => Chosen::default(),
-            _ => lamps::choose(scene, &facets, settings, options.gradients, explicit)?,
+            _ => lamps::choose(scene, &facets, settings, options, explicit)?,
         };
         match options.occlusion {
             Occlusion::Exact => {}

@@ -1,7 +1,7 @@
 //! The choice between implicit visibility, by antiradiance, and explicit visibility, by rays.
 
 use super::{Occlusion, PlanError, PlanOptions};
-use crate::direct::{STEPS, mixed};
+use crate::direct::{STEPS, mixed, sobol, within};
 use crate::model::{Bins, Facet, orthonormal_basis};
 use antirad_scene::{Rays, SolveSettings, VisibilityChoice};
 use glam::DVec3;
@@ -63,18 +63,17 @@ fn dense_share(facets: &[Facet], settings: &SolveSettings) -> f64 {
 /// gives the same ones.
 pub(super) fn rays_of(facet: &Facet, seed: u64, count: usize) -> impl Iterator<Item = (DVec3, DVec3)> {
     let basis = orthonormal_basis(facet.normal);
-    let [a, b, c] = facet.corners;
-    let mut state = seed;
-    let mut at = STEPS.map(|_| {
-        state = mixed(state);
-        state as f64 / 2f64.powi(64)
-    });
-    (0..count).map(move |_| {
-        let origin = a + at[2].sqrt() * ((b - a) + at[3] * (c - b));
+    let corners = facet.corners;
+    let shifts = [0, 1].map(|k| mixed(seed ^ mixed(k)));
+    let [turned, moved] = shifts.map(|shift| [shift as u32, (shift >> 32) as u32]);
+    let unit = |x: u32| f64::from(x) / 2f64.powi(32);
+    (0..count as u32).map(move |ray| {
+        let [s, t] = sobol(ray);
+        let (outward, turn) = (unit(s ^ turned[0]), unit(t ^ turned[1]));
+        let place = [0, 1].map(|k| unit(moved[k].wrapping_add(ray.wrapping_mul(STEPS[k]))));
         // Uniform on the unit disc below the hemisphere (Nusselt's analogue).
-        let (radius, (sin, cos)) = (at[0].sqrt(), (TAU * at[1]).sin_cos());
-        let direction = basis * DVec3::new(radius * cos, radius * sin, (1.0 - at[0]).sqrt());
-        at.iter_mut().zip(STEPS).for_each(|(x, step)| *x = (*x + step).fract());
-        (origin, direction)
+        let (radius, (sin, cos)) = (outward.sqrt(), (TAU * turn).sin_cos());
+        let direction = basis * DVec3::new(radius * cos, radius * sin, (1.0 - outward).sqrt());
+        (within(corners, place), direction)
     })
 }

@@ -15,12 +15,15 @@ mod work;
 pub use watch::{PassCallback, TransportError};
 
 use crate::backend::Backend;
+use crate::direct::{RayScene, Tracer};
 use crate::model::FacetGradient;
 use crate::plan::Plan;
 use crate::solve::LightOperator;
 use antirad_base::usage::LabelReport;
+use antirad_gpu::GpuError;
 use antirad_scene::{Movable, Precision, Scene};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Incident light: irradiance of every slot, and radiance per bin for the groups that have bins. It belongs to the operators that made
 /// it, whose memory it holds until it is dropped.
@@ -171,6 +174,18 @@ pub fn operators(
         (Backend::Cpu(cpu), Precision::F64) => {
             Box::new(cpu::Operators::<f64>::new(cpu, scene, plan, emitted, unit)?)
         }
+    })
+}
+
+/// The kernel that traces rays to lamps, made for what they may meet; `None` where the host does.
+pub fn tracer(
+    backend: &Backend,
+    plan: &Plan,
+) -> Option<impl FnOnce(&RayScene) -> Result<Arc<dyn Tracer>, GpuError>> {
+    let precision = plan.settings.precision;
+    let device = backend.vulkan().filter(|_| plan.traces_lamps())?;
+    Some(move |scene: &RayScene| {
+        Ok(Arc::new(vulkan::LampRays::new(device, precision, scene)?) as Arc<dyn Tracer>)
     })
 }
 

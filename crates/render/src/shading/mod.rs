@@ -25,8 +25,9 @@ use antirad_scene::{Camera, Material, Patterns, Scene};
 use glam::DVec3;
 use interpolation::Interpolation;
 use pattern::Spot;
+use rayon::prelude::*;
 use reflections::{Estimate, Faces, Glossy, Held, Surroundings};
-use sights::{Kept, POINTS, Points, Sight, Sights};
+use sights::{Kept, LampLight, POINTS, Points, RUNS, Sight, Sights, light_of};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -94,6 +95,9 @@ pub struct Light {
     surroundings: Option<Arc<Surroundings>>,
     views: Vec<View>,
 }
+
+/// What gathering adds at points, from the light of lamps there, with room for the rays of each.
+type Difference<'a> = dyn Fn(&Points, &LampLight, Option<&Held>) -> Vec<Estimate> + Sync + 'a;
 
 /// A camera, and the radiance of each face towards it without highlights, W/(m² sr).
 #[derive(Clone, Debug)]
@@ -195,7 +199,9 @@ impl Light {
     pub fn gathered(&self, view: usize, coverage: &Coverage) -> Result<Gathered, ImageError> {
         let view = &self.views[view];
         let mut pixels = coverage.pixels(&view.colours)?;
-        let difference = |points: &Points, held: Option<&Held>| self.difference(view, points, held);
+        let difference = |points: &Points, light: &LampLight, held: Option<&Held>| {
+            self.difference(view, points, light, held)
+        };
         let error = self.add(view, coverage, &mut pixels, &difference)?;
         Ok(Gathered { pixels, error })
     }
@@ -214,7 +220,9 @@ impl Light {
         let colour = |(face, colour)| (self.without_emission(view, face, colour)).to_array();
         let colours: Vec<[f64; 3]> = view.colours.iter().copied().enumerate().map(colour).collect();
         let mut pixels = coverage.pixels(&colours)?;
-        let difference = |points: &Points, held: Option<&Held>| self.reflected_difference(view, points, held);
+        let difference = |points: &Points, light: &LampLight, held: Option<&Held>| {
+            self.reflected_difference(view, points, light, held)
+        };
         let error = self.add(view, coverage, &mut pixels, &difference)?;
         Ok((pixels.into_iter().map(|[r, g, b, _]| DVec3::new(r, g, b)).collect(), error))
     }
@@ -237,12 +245,22 @@ impl Light {
         view: &View,
         coverage: &Coverage,
         pixels: &mut [[f64; 4]],
-        difference: &(dyn Fn(&Points, Option<&Held>) -> Vec<Estimate> + Sync),
-    ) -> Result<f64, RankError> {
+        difference: &Difference,
+    ) -> Result<f64, ImageError> {
         let sights = self.sights(view, coverage)?;
         let samples = self.samples(view, &sights);
-        let of_run = |k: usize| difference(&sights.runs[k], samples.as_ref().map(|of_runs| &of_runs[k]));
-        let found = self.direct.ranks().map(sights.runs.len(), of_run)?;
+        let (ranks, count) = (self.direct.ranks(), sights.runs.len());
+        let is_diffuse = |face: usize| self.materials[face].diffuse_albedo() != [0.0; 3];
+        let mut found = Vec::new();
+        for numbers in ranks.own(count).chunks(RUNS) {
+            let runs: Vec<&Points> = numbers.iter().map(|&k| &sights.runs[k]).collect();
+            let light = light_of(&runs, &self.direct, &self.facets, is_diffuse)?;
+            let of_run = |((&k, run), light): ((&usize, &&Points), &LampLight)| {
+                difference(run, light, samples.as_ref().map(|of_runs| &of_runs[k]))
+            };
+            found.par_extend(numbers.par_iter().zip(&runs).zip(&light).map(of_run));
+        }
+        let found = ranks.merged(count, found)?;
         let (mut errors, mut all) = (0.0, 0.0);
         for (run, found) in sights.runs.iter().zip(found) {
             let mean = self.without_emission(view, run.face, view.colours[run.face]);
@@ -319,15 +337,21 @@ impl Light {
         let of_run = |places: &[[f64; 2]]| {
             let spots: Vec<Spot> = places.iter().map(|&middle| Spot { middle, side: 0.0 }).collect();
             let points = sight.points(face, (0..places.len()).collect(), &spots, false);
-            self.difference(view, &points, None)
+            self.difference(view, &points, &points.light(&self.direct, &self.facets), None)
         };
         let more = places.chunks(POINTS).flat_map(of_run);
         more.map(|more| (DVec3::from(view.colours[face]) + more.mean).to_array()).collect()
     }
 
-    /// What gathering adds to the radiance of a face at each point, W/(m² sr). `held`: room for the rays of each.
-    fn difference(&self, view: &View, points: &Points, held: Option<&Held>) -> Vec<Estimate> {
-        let mut differences = self.reflected_difference(view, points, held);
+    /// What gathering adds to the radiance of a face at each point, W/(m² sr). `light`: that of lamps there; `held`: room for the rays of each.
+    fn difference(
+        &self,
+        view: &View,
+        points: &Points,
+        light: &LampLight,
+        held: Option<&Held>,
+    ) -> Vec<Estimate> {
+        let mut differences = self.reflected_difference(view, points, light, held);
         let emission = DVec3::from(self.materials[points.face].emission);
         for (to, [_, of_emission]) in differences.iter_mut().zip(&points.pattern) {
             to.mean += emission * (*of_emission - 1.0);
@@ -336,7 +360,13 @@ impl Light {
     }
 
     /// The reflected part of [`Self::difference`], W/(m² sr).
-    fn reflected_difference(&self, view: &View, points: &Points, held: Option<&Held>) -> Vec<Estimate> {
+    fn reflected_difference(
+        &self,
+        view: &View,
+        points: &Points,
+        light: &LampLight,
+        held: Option<&Held>,
+    ) -> Vec<Estimate> {
         let Points { face, at, pattern, .. } = points;
         let face = *face;
         let eye = self.eye(view);
@@ -347,7 +377,6 @@ impl Light {
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         if reflectance != DVec3::ZERO {
             let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
-            let light = points.light(&self.direct, &self.facets);
             let of_points = at.iter().zip(light.iter());
             for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(of_points).enumerate() {
                 let direct: DVec3 =

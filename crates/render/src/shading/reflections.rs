@@ -7,7 +7,7 @@
 //! out of bins.
 
 use super::sights::Sights;
-use antirad_core::direct::{Lamp, barycentric, mixed};
+use antirad_core::direct::{Lamp, barycentric, mixed, sobol};
 use antirad_core::model::{Bins, Facet, Taps};
 use antirad_core::{Engine, EngineError, Solution};
 use antirad_scene::{Material, Patterns, Rays};
@@ -207,7 +207,7 @@ impl Surroundings {
         let Glossy { face, normal, point, eye, .. } = *at;
         let coordinates = point.to_array().map(f64::to_bits);
         let seed = coordinates.into_iter().fold(face as u64, |seed, bits| mixed(seed ^ bits));
-        let [u, v] = sobol(number, [seed as u32, (seed >> 32) as u32]);
+        let [u, v] = place(number, [seed as u32, (seed >> 32) as u32]);
         let across = normal.any_orthonormal_pair();
         let cosine = u.powf(1.0 / (power + 1.0));
         let (sin, cos) = (TAU * v).sin_cos();
@@ -343,15 +343,10 @@ fn factors(patterns: &Patterns, face: usize, b: DVec3) -> [DVec3; 2] {
     patterns.at(face, b).map_or([DVec3::ONE; 2], |factors| factors.value)
 }
 
-/// A point of the sequence of Sobol' (1967) in the unit square, digits shifted: the first 2^k fill it evenly, and so do the next ones.
-fn sobol(index: u32, shift: [u32; 2]) -> [f64; 2] {
-    let (mut second, mut digit, mut left) = (0, 1 << 31, index);
-    while left > 0 {
-        second ^= if left & 1 == 1 { digit } else { 0 };
-        digit ^= digit >> 1;
-        left >>= 1;
-    }
-    [index.reverse_bits() ^ shift[0], second ^ shift[1]].map(|x| (f64::from(x) + 0.5) / 2f64.powi(32))
+/// A point of the sequence in the unit square, digits shifted.
+fn place(index: u32, shift: [u32; 2]) -> [f64; 2] {
+    let [x, y] = sobol(index);
+    [x ^ shift[0], y ^ shift[1]].map(|x| (f64::from(x) + 0.5) / 2f64.powi(32))
 }
 
 #[cfg(test)]
@@ -412,7 +407,7 @@ mod tests {
                 let columns = 64 / rows;
                 let mut cells: Vec<usize> = (begin..begin + 64)
                     .map(|i| {
-                        let [x, y] = sobol(i, shift);
+                        let [x, y] = place(i, shift);
                         (x * columns as f64) as usize * rows + (y * rows as f64) as usize
                     })
                     .collect();

@@ -5,6 +5,7 @@ use crate::image::{FaceInPixel, View};
 use antirad_core::direct::DirectLight;
 use antirad_core::direct::barycentric;
 use antirad_core::model::Facet;
+use antirad_gpu::GpuError;
 use antirad_scene::Patterns;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -15,18 +16,48 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 /// Points that share a search for blockers.
 pub const POINTS: usize = 64;
 
+/// Chunks of points whose light is asked for at once.
+pub const RUNS: usize = 4096;
+
 /// Largest number of pairs of a point and a lamp to hold: 200 MB.
 const MOST_KEPT: usize = 8_000_000;
 
+/// Vector irradiance of each lamp at each point by its radiance, sr.
+pub type LampLight<'a> = Cow<'a, [Vec<DVec3>]>;
+
 impl Points {
-    /// Vector irradiance of each lamp at each point by its radiance, sr, computed unless held.
-    pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> Cow<'_, [Vec<DVec3>]> {
+    /// The light of lamps at the points, computed unless held.
+    pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> LampLight<'_> {
         let compute = || direct.at_points(facets, self.face, &self.at);
         match &self.light {
             Some(held) => Cow::Borrowed(held.get_or_init(compute)),
             None => Cow::Owned(compute()),
         }
     }
+}
+
+/// The light of lamps at the points of several runs, asked for at once unless held; that of faces that are not `lit` is empty.
+///
+/// # Errors
+/// Fails if the device does.
+pub fn light_of<'a>(
+    runs: &[&'a Points],
+    direct: &DirectLight,
+    facets: &[Facet],
+    lit: impl Fn(usize) -> bool,
+) -> Result<Vec<LampLight<'a>>, GpuError> {
+    let held = |run: &'a Points| run.light.as_ref().and_then(OnceLock::get);
+    let is_unknown = |run: &&&'a Points| lit(run.face) && held(run).is_none();
+    let unknown: Vec<(usize, &[DVec3])> =
+        runs.iter().filter(is_unknown).map(|run| (run.face, &run.at[..])).collect();
+    let mut found = direct.at_faces(facets, &unknown)?.into_iter();
+    let of = |&run: &&'a Points| match (held(run), &run.light) {
+        (Some(light), _) => Cow::Borrowed(&light[..]),
+        _ if !lit(run.face) => Cow::Borrowed(&[][..]),
+        (_, Some(room)) => Cow::Borrowed(&room.get_or_init(|| found.next().unwrap_or_default())[..]),
+        (_, None) => Cow::Owned(found.next().unwrap_or_default()),
+    };
+    Ok(runs.iter().map(of).collect())
 }
 
 /// Points of a picture on one face, in the order of the picture.

@@ -10,6 +10,7 @@ mod distributed;
 mod exchange;
 mod exchange_adjoint;
 mod exchange_derivative;
+mod lamp_rays;
 mod lobes;
 mod near_matrix;
 mod observation;
@@ -28,6 +29,7 @@ mod volumes;
 
 pub use clusters::{GatherBinsPush, GatherPush};
 pub use clusters_adjoint::SharesPush;
+pub use lamp_rays::LampRays;
 pub use lobes::LobePush;
 pub use near_matrix::NearMatrixPush;
 pub use reflection::{GlossyPush, ReflectPush};
@@ -123,6 +125,7 @@ pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     observation::Observation::kernels(device, plan)?;
     vectors::Vectors::kernels(device, plan.settings.precision)?;
     near_matrix::NearMatrix::kernels(device, plan)?;
+    lamp_rays::LampRays::kernel(device, plan.settings.precision)?;
     if !plan.options.gradients.any() {
         return Ok(());
     }
