@@ -88,7 +88,7 @@ fn the_kernel_traces_the_rays_of_the_host() {
                     phi.distance(truth) <= tolerance * most,
                     "{phi}, not {truth}, lamp {lamp} at {point}"
                 );
-                let triangles = &light.lamps()[lamp].triangles();
+                let triangles = light.lamps()[lamp].triangles();
                 let own = |i: usize| i == *face || triangles.contains(&(i as u32));
                 let truth = sampling.from_point(point, normal, lamp, RAYS, own);
                 let near = 10.0 * tolerance * truth.all.max(1e-3);

@@ -120,7 +120,9 @@ impl Plan {
     #[doc(hidden)]
     pub fn anything_passes(&self, receivers: &Range<u32>, sources: &Range<u32>) -> bool {
         let far = &self.interactions.by_receiver.far;
-        self.clusters().is_some() || far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
+        self.clusters().is_some()
+            || self.transport.is_explicit()
+            || far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
     }
 
     /// Whether the device holds states whole, of which kernels access any part. Otherwise they access one after the other in windows.

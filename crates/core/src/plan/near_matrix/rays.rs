@@ -62,11 +62,9 @@ impl<'a> Seen<'a> {
         let facets = self.geometry.facets;
         let mut hits = Vec::new();
         for (origin, towards) in rays_of(&facets[receiver], receiver as u64, RAYS) {
-            if let Some((source, _)) = self.rays.nearest(origin, towards, Some(receiver)) {
-                if towards.dot(facets[source].normal) < 0.0 {
-                    hits.push(Hit { slot: self.slots[source], direction: -towards });
-                }
-            }
+            let met = self.rays.nearest(origin, towards, Some(receiver));
+            let front = met.filter(|&(source, _)| towards.dot(facets[source].normal) < 0.0);
+            hits.extend(front.map(|(source, _)| Hit { slot: self.slots[source], direction: -towards }));
         }
         hits.sort_by_key(|hit| hit.slot);
         hits
