@@ -12,7 +12,9 @@ use antirad::gpu::{Device, DeviceOptions};
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::ranks::{Ranks, in_threads};
 use antirad::render::Quantity;
-use antirad::scene::{BinLayout, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport};
+use antirad::scene::{
+    BinLayout, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, VisibilityChoice,
+};
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use antirad_core::plan::Residency;
 use glam::DVec3;
@@ -131,10 +133,14 @@ fn ranks_hold_their_own_states() {
     let walls = room_of_glossy_walls();
     let (everything, nothing) = (GradientRequest::EVERYTHING, GradientRequest::NOTHING);
     let few = nothing.emission(true).positions(true);
+    let by_materials = nothing.emission(true).albedo(true).specular(true);
+    let mut rays = glossy.clone();
+    rays.settings = rays.settings.visibility(VisibilityChoice::Explicit);
     // Close pairs kept and evaluated, triangles and clusters, no lobes and lobes.
     for (name, scene, transport, keep, gradients, budget, count) in [
         ("plain", &plain, Transport::Exact, true, few, None, 3),
         ("glossy", &glossy, Transport::Exact, true, everything, None, 4),
+        ("glossy, by rays", &rays, Transport::Exact, true, by_materials, None, 3),
         ("glossy walls", &walls, Transport::Exact, false, everything, None, 3),
         ("room", &room, clusters(0.1), true, few, None, 2),
         ("balls", &balls, clusters(0.1), false, nothing, None, 3),
