@@ -105,13 +105,20 @@ fn an_answer_that_is_not_physical_has_an_exit_code() {
                 0.9\nemission = 1\n[camera.main]\nposition = [3, 0.5, 0.5]\ntarget = [0, 0.5, 0.5]\nfov_x_degrees = \
                 40\nwidth = 8\nheight = 8\n";
     let folder = Folder::with(&[("soup.obj", &obj), ("soup.toml", toml)]);
-    let run = folder.render("soup.toml --max-passes 500 --refine=never");
+    let run = folder.render("soup.toml --max-passes 500 --refine=never --visibility implicit");
     assert_eq!(run.code, Some(3), "{run:?}");
     let report = folder.json("out/report.json");
     let radius = report["solve"]["spectral_radius"].as_f64().expect("an estimate");
     let kinds = report["accuracy_warnings"].as_array().expect("warnings").iter().map(|w| &w["kind"]);
     assert!(radius >= 1.0 && kinds.clone().any(|kind| kind == "unphysical"), "{report}");
     says(&run.stderr, &["unphysical"]);
+
+    // Unless visibility is stated, it is explicit there.
+    let run = folder.render("soup.toml --max-passes 500 --refine=never");
+    assert_eq!(run.code, Some(0), "{run:?}");
+    let report = folder.json("out/report.json");
+    assert!(report["plan"]["transport"].to_string().contains("explicit visibility"), "{report}");
+    assert!(report["solve"]["spectral_radius"].as_f64().is_none_or(|radius| radius < 1.0), "{report}");
 }
 
 /// Lamps beyond the range of f32 give correct results.

@@ -14,12 +14,13 @@ use antirad::output::{prepare_directory, single, write_json, write_npy};
 use antirad::plan::PlanOptions;
 use antirad::render::{Reflections, Shading};
 use antirad::render::{RenderOptions, Renderer, Shown};
-use antirad::scene::{Camera, Choice, Precision, Scene};
+use antirad::scene::{Camera, Choice, Precision, Scene, VisibilityChoice};
 use antirad::target_error::{
     Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
 };
 use antirad::warnings::{Kind, MATTERS, Warning, Warnings, told_from};
 use antirad::{Engine, EngineError, Solution, SolveParams};
+use antirad_core::solve::SolveError;
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -108,7 +109,7 @@ impl Stages {
     }
 
     fn end(&mut self, stage: &'static str) {
-        self.seconds.insert(stage, self.last.elapsed().as_secs_f64());
+        *self.seconds.entry(stage).or_default() += self.last.elapsed().as_secs_f64();
         self.last = Instant::now();
     }
 }
@@ -274,6 +275,17 @@ impl Work<'_> {
         let bar = SolveBar::new(settings.tolerance, quiet);
         let solved = solve(&mut engine, &scene, &bar, interrupt);
         bar.finish();
+        let automatic =
+            settings.visibility == VisibilityChoice::Auto && !engine.plan().transport().is_explicit();
+        if automatic && creates_light(&solved) {
+            stages.end("solve");
+            drop((solved, engine));
+            tracing::warn!(
+                "antiradiance creates light among these blockers: solving again with explicit visibility (--visibility implicit: as it is)"
+            );
+            scene.settings.visibility = VisibilityChoice::Explicit;
+            return self.usual(scene, finer, stages);
+        }
         let solution = solved.or_else(best_iterate)?;
         stages.end("solve");
         let working = Working::on("looking for causes of errors");
@@ -354,6 +366,18 @@ impl Rendered {
         let radiosity = solved.on_given(&solved.answer.radiosity);
         let Solved { scene, answer, refinement, .. } = solved;
         Self { scene, irradiance, radiosity, answer, refinement: Some(refinement), engine: None }
+    }
+}
+
+/// Whether a solve has an answer that is not physical, or none.
+fn creates_light(solved: &Result<Solution, EngineError>) -> bool {
+    match solved {
+        Ok(solution) => solution.info.spectral_radius.is_some_and(|radius| radius >= 1.0),
+        Err(EngineError::Solve(SolveError::Diverged { .. })) => true,
+        Err(EngineError::Solve(SolveError::NoConvergence { stagnated, spectral_radius, .. })) => {
+            *stagnated || spectral_radius.is_some_and(|radius| radius >= 1.0)
+        }
+        Err(_) => false,
     }
 }
 

@@ -34,10 +34,11 @@ impl PlannedTransport {
         matches!(self, Self::Rays { .. })
     }
 
-    /// The error of irradiance that clusters may cause, relative to its mean; none if there are none.
+    /// The error of irradiance that clusters may cause, relative to its mean, or rays.
     pub fn error(self) -> f64 {
         match self {
-            Self::Exact { .. } | Self::Rays { .. } => 0.0,
+            Self::Exact { .. } => 0.0,
+            Self::Rays { .. } => OF_A_RAY / (RAYS as f64).sqrt(),
             Self::Hierarchical { error } => error,
         }
     }
@@ -59,6 +60,8 @@ impl fmt::Display for PlannedTransport {
     }
 }
 
+/// Error of irradiance by one ray, relative to its mean: by n it falls as n^(-1/2), measured from 64 to 4096 in a furnished room.
+const OF_A_RAY: f64 = 0.25;
 /// Share of all pairs above which clusters do not pay: culling leaves out about half of the pairs, too.
 const WORTH: f64 = 0.4;
 /// Triangles of the smallest clusters.

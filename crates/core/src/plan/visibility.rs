@@ -2,7 +2,7 @@
 
 use super::{Occlusion, PlanError, PlanOptions};
 use crate::direct::{STEPS, mixed, sobol, within};
-use crate::model::{Bins, Facet, orthonormal_basis};
+use crate::model::{Facet, orthonormal_basis};
 use antirad_scene::{Rays, SolveSettings, VisibilityChoice};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,6 +11,8 @@ use std::f64::consts::TAU;
 /// Rays of a triangle that look for dense blockers, and triangles that are looked at, at most.
 const EACH: usize = 8;
 const LOOKED_AT: usize = 1 << 15;
+/// Solid angle of a direction bin by default, sr: the same whatever the bins, so that these do not change what is chosen.
+const BIN: f64 = TAU / 130.0;
 /// Blockers in a row, each of which errs by more than it blocks, up to which antiradiance serves.
 const IN_A_ROW: usize = 2;
 /// The share of rays that may meet more. There are none in rooms, statues and boxes of this repository; in plants, piles, shelves and blinds there
@@ -31,7 +33,7 @@ pub(super) fn why_explicit(
         _ if options.occlusion != Occlusion::Exact => Ok(None),
         VisibilityChoice::Explicit if moves => Err(PlanError::ExplicitVisibility),
         VisibilityChoice::Explicit => Ok(Some("settings")),
-        VisibilityChoice::Auto if !moves && dense_share(facets, settings) > FEW => Ok(Some("dense blockers")),
+        VisibilityChoice::Auto if !moves && dense_share(facets) > FEW => Ok(Some("dense blockers")),
         VisibilityChoice::Auto | VisibilityChoice::Implicit => Ok(None),
     }
 }
@@ -39,13 +41,12 @@ pub(super) fn why_explicit(
 /// The share of rays from fronts that meet more than [`IN_A_ROW`] fronts in a row, each so close before the next that it subtends more than a
 /// direction bin there. The antiradiance of such blockers is wrong by more than the light that they stop (`warnings`, gain), and that of one
 /// multiplies the error of the one before.
-fn dense_share(facets: &[Facet], settings: &SolveSettings) -> f64 {
-    let bin = TAU / Bins::new(settings.bins).count() as f64;
+fn dense_share(facets: &[Facet]) -> f64 {
     let solid = |i: &u32| facets[*i as usize].area > 0.0;
     let rays = Rays::among(facets.iter().map(|facet| facet.corners).collect(), solid);
     let coarse = |ray: DVec3, [(blocker, at), (_, next)]: [(usize, f64); 2]| {
         let Facet { area, normal, .. } = facets[blocker];
-        area * normal.dot(ray).abs() > bin * (next - at).powi(2)
+        area * normal.dot(ray).abs() > BIN * (next - at).powi(2)
     };
     let is_dense = |triangle: usize, (origin, ray): (DVec3, DVec3)| {
         let fronts = rays.fronts(origin, ray, triangle);

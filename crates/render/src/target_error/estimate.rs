@@ -34,7 +34,7 @@ pub struct IrradianceEstimate {
     pub mesh: f64,
     /// The residual over 1 - spectral radius.
     pub residual: f64,
-    /// What clusters in place of far triangles may cause; zero where there are none.
+    /// What clusters in place of far triangles may cause, or rays where visibility is explicit; zero where there are neither.
     pub clusters: f64,
     /// Standard error of direct light by rays; zero where its visibility is exact.
     pub sampling: f64,

@@ -439,7 +439,8 @@ fn unphysical(scene: &Scene, plan: &Plan, radius: f64) -> Warning {
         message: format!(
             "the spectral radius of the transport is {size}: light is created, and the answer is unphysical"
         ),
-        remedy: "look for interpenetrating triangles, and for stacked layers closer than a triangle's size"
+        remedy: "visibility = \"explicit\" (--visibility explicit), or look for interpenetrating triangles, and for stacked layers \
+                 closer than a triangle's size"
             .to_owned(),
         ..suspects.cloned().unwrap_or(Warning::blank())
     }
