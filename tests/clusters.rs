@@ -5,7 +5,9 @@ mod support;
 use antirad::backend::Backend;
 use antirad::gpu::DeviceKind;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
-use antirad::scene::{Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle};
+use antirad::scene::{
+    Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle, VisibilityChoice,
+};
 use antirad::target_error::usual_settings;
 use antirad::{Cotangent, Energy, Engine, Gradients, SolveParams};
 use antirad_core::model::{LIST, Parts, VolumeParts, classify, share};
@@ -25,7 +27,7 @@ const PAGE: u64 = 128 << 20;
 const SMALL_PAGE: u64 = 512 << 10;
 
 fn hierarchical(scene: &Scene, error: f64) -> SolveSettings {
-    scene.settings.transport(Transport::Hierarchical { error })
+    scene.settings.transport(Transport::Hierarchical { error }).visibility(VisibilityChoice::Implicit)
 }
 
 fn planned(scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> Plan {

@@ -16,6 +16,8 @@ use std::time::Duration;
 const EPSILON: f64 = 1e-9;
 /// What boxes are grown by, and distances, in units of half the diagonal: far above the rounding of f32.
 const ROUNDING: f64 = 2e-6;
+/// The hierarchy leaves out what rays leave closer to their origin than 1e-4: they begin so much before it.
+const BEFORE: f64 = 2e-4;
 /// Rays begin so close to the middle of the scene at most, in the same units.
 const AROUND: f64 = 2.0;
 
@@ -127,7 +129,7 @@ impl Rays {
     ) {
         // From far away a ray begins close by, where f32 is accurate.
         let (from, length) = ((origin - self.centre) * self.scale, direction.length());
-        let skipped = (-from.dot(direction) / (length * length) - AROUND / length).max(0.0);
+        let skipped = (-from.dot(direction) / (length * length) - AROUND / length).max(0.0) - BEFORE;
         let shortened = |limit: f64| (((limit * self.scale) - skipped) * (1.0 + ROUNDING) + ROUNDING) as f32;
         let begin = (from + skipped * direction).as_vec3a();
         let ray = Ray::new(begin, direction.as_vec3a(), 0.0, shortened(limit));
@@ -153,5 +155,65 @@ impl Rays {
         let distance = ac.dot(q) / determinant;
         (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > self.epsilon)
             .then_some(Hit { distance, front: determinant > 0.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Material, SceneBuilder, Shape};
+    use glam::DAffine3;
+
+    fn scene(far: f64, size: f64) -> Scene {
+        let grey = Material::named("grey");
+        let place = |scale: [f64; 3], to: [f64; 3]| {
+            let away =
+                DAffine3::from_translation(DVec3::splat(far)) * DAffine3::from_scale(DVec3::splat(size));
+            away * DAffine3::from_translation(to.into()) * DAffine3::from_scale(scale.into())
+        };
+        let mut builder = SceneBuilder::new();
+        builder.shape("floor", Shape::Quad { cells: 4 }, &grey, place([1.0; 3], [0.0; 3]));
+        for height in [0.3, 0.4, 0.5] {
+            let plate = Shape::Slab { cells: 4 };
+            builder.shape("plate", plate, &grey, place([1.0, 0.01, 1.0], [0.0, height, 0.0]));
+        }
+        builder.shape(
+            "ball",
+            Shape::Icosphere { level: 2, inward: false },
+            &grey,
+            place([0.2; 3], [0.5, 1.2, 0.5]),
+        );
+        builder.finish("plates").expect("a scene")
+    }
+
+    /// The nearest of all triangles, and whether any is in between, from faces, from within and from far away, wherever a scene lies.
+    #[test]
+    fn rays_meet_what_they_meet_without_a_hierarchy() {
+        for (far, size) in [(0.0, 1.0), (0.0, 1e-9), (4.5e6, 1e3), (1e3, 1.0)] {
+            let scene = scene(far, size);
+            let rays = Rays::new(&scene);
+            let mut state = 1u64;
+            let mut random = move || {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 11) as f64 / (1u64 << 53) as f64
+            };
+            let middle = rays.centre;
+            for k in 0..20_000 {
+                let from = (random() * scene.triangles.len() as f64) as usize;
+                let [a, b, c] = scene.corners(from);
+                let on_face = a + random().sqrt() * ((b - a) + random() * (c - b));
+                let direction = (DVec3::new(random(), random(), random()) - 0.5).normalize();
+                let away = [0.0, 0.0, 1e3, 1e6][k % 4] * size;
+                let origin = on_face - away * direction;
+                let hits = (0..rays.order.len()).filter_map(|at| {
+                    let hit = rays.hit(at, origin, direction)?;
+                    (rays.order[at] as usize != from).then_some(hit.distance)
+                });
+                let truth = hits.fold(f64::INFINITY, f64::min);
+                let found = rays.nearest(origin, direction, Some(from)).map_or(f64::INFINITY, |(_, at)| at);
+                let same = truth == found || (truth - found).abs() <= 2.0 * rays.epsilon;
+                assert!(same, "{far} {size} {k}: {found}, not {truth}, around {middle}");
+            }
+        }
     }
 }

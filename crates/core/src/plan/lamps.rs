@@ -75,7 +75,9 @@ pub(super) fn choose(
         let bins = Bins::new(settings.bins).count();
         let held = lamps.len().saturating_mul(facets.len() + glossy * bins);
         let few = lamps.len() <= MOST_SAMPLED && held <= MOST_HELD;
-        (few && !moves && !gradients.emission).then_some(Visibility::Sampled)
+        // Numbers of rays follow emission, but for exact shadows of dense blockers there is no time.
+        let by_emission = gradients.emission && !explicit;
+        (few && !moves && !by_emission).then_some(Visibility::Sampled)
     };
     let auto = |lamps: &[Lamp]| {
         // Kernels do not know suns.

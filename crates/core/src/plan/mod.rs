@@ -41,7 +41,9 @@ pub use weights::RankWeights;
 use crate::direct::{Lamp, Visibility};
 use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
 use antirad_base::setters;
-use antirad_scene::{BackendKind, Precision, Scene, SolveSettings, SolverChoice, Sun, bounds};
+use antirad_scene::{
+    BackendKind, Precision, Scene, SolveSettings, SolverChoice, Sun, VisibilityChoice, bounds,
+};
 use glam::DVec3;
 use lamps::Chosen;
 use std::sync::Arc;
@@ -322,6 +324,24 @@ impl Plan {
     /// budget nor 32-bit indices.
     #[doc(hidden)]
     pub fn following(
+        scene: &Scene,
+        options: &PlanOptions,
+        settings: &SolveSettings,
+        before: Option<&Arc<ClusterChoice>>,
+    ) -> Result<Self, PlanError> {
+        let plan = Self::as_stated(scene, options, settings, before);
+        match plan {
+            // What rays find may not fit where antiradiance does.
+            Err(PlanError::OverBudget { .. } | PlanError::BufferTooLarge { .. })
+                if settings.visibility == VisibilityChoice::Auto =>
+            {
+                Self::as_stated(scene, options, &settings.visibility(VisibilityChoice::Implicit), before)
+            }
+            plan => plan,
+        }
+    }
+
+    fn as_stated(
         scene: &Scene,
         options: &PlanOptions,
         settings: &SolveSettings,
