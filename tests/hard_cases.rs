@@ -11,6 +11,7 @@ use antirad::image::{PictureOptions, Rasterizer};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::scene::{
     Camera, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle,
+    VisibilityChoice,
 };
 use antirad::target_error::usual_settings;
 use antirad::warnings::{Kind, Warnings};
@@ -48,12 +49,15 @@ fn furnace_error(scene: &Scene, solution: &Solution, albedo: f64) -> (f64, f64) 
 }
 
 fn warned(scene: &Scene, settings: &SolveSettings) -> Warnings {
-    Warnings::of(scene, &Plan::new(scene, &PlanOptions::default(), settings).expect("a plan"))
+    // Of antiradiance, also where it is not taken by itself.
+    let settings = settings.visibility(VisibilityChoice::Implicit);
+    Warnings::of(scene, &Plan::new(scene, &PlanOptions::default(), &settings).expect("a plan"))
 }
 
 fn with_solver(scene: &Scene, solver: SolverChoice) -> SolveSettings {
     // What is compared with the reference takes its way.
-    scene.settings.solver(solver).tolerance(1e-6).max_passes(4000).lamps(Lamps::Antiradiance)
+    let settings = scene.settings.solver(solver).tolerance(1e-6).max_passes(4000);
+    settings.lamps(Lamps::Antiradiance).visibility(VisibilityChoice::Implicit)
 }
 
 /// Correct within 1.5 % at albedo 0.95, and within 1 % up to 0.99 with a near field of 400, which a warning recommends.

@@ -9,6 +9,7 @@ use antirad::gpu::{Device, DeviceKind};
 use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions};
 use antirad::scene::{
     BinLayout, Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport,
+    VisibilityChoice,
 };
 use antirad::{Engine, SolveParams};
 use antirad_core::model::Clusters;
@@ -62,6 +63,8 @@ fn compare_on(
     settings: SolveSettings,
     options: &impl Fn(PlanOptions) -> PlanOptions,
 ) {
+    // Antiradiance is what the twin has, however dense blockers are.
+    let settings = settings.visibility(VisibilityChoice::Implicit);
     let scene = Scene { settings, ..scene.clone() };
     let model = Model::new(&scene);
     let plan = Plan::new(&scene, &options(PlanOptions::of(backend)), &settings).expect("a plan");

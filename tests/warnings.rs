@@ -4,7 +4,7 @@ mod support;
 
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{Plan, PlanOptions};
-use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape};
+use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape, VisibilityChoice};
 use antirad::warnings::{Kind, MATTERS, RefineError, RefineOptions, Warnings, refine};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::Instant;
@@ -16,7 +16,9 @@ fn warnings(scene: &Scene) -> Warnings {
 }
 
 fn plan(scene: &Scene) -> Plan {
-    Plan::new(scene, &PlanOptions::default(), &scene.settings).expect("a plan")
+    // Warnings are of antiradiance, also where it is not taken by itself.
+    let settings = scene.settings.visibility(VisibilityChoice::Implicit);
+    Plan::new(scene, &PlanOptions::default(), &settings).expect("a plan")
 }
 
 fn kinds(warnings: &Warnings) -> Vec<Kind> {
@@ -274,6 +276,7 @@ fn refining_keeps_to_its_bounds() {
     let count = scene().triangles.len();
     for most in [count + 1, count + 50, 4 * count] {
         let mut scene = scene();
+        scene.settings = scene.settings.visibility(VisibilityChoice::Implicit);
         let options = RefineOptions::default().max_triangles(most);
         let refined = refine(&mut scene, &PlanOptions::default(), &options).expect("refined");
         assert!(refined.full && scene.triangles.len() <= most && scene.triangles.len() + 3 > most);
