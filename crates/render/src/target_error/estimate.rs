@@ -202,7 +202,7 @@ impl fmt::Display for ErrorEstimate {
             percent(residual)
         )?;
         if clusters > 0.0 {
-            write!(f, ", clusters {}", percent(clusters))?;
+            write!(f, ", transport {}", percent(clusters))?;
         }
         if sampling > 0.0 {
             write!(f, ", rays {}", percent(sampling))?;
