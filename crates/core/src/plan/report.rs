@@ -325,7 +325,12 @@ impl Plan {
             .into_iter()
             .map(|class| {
                 let real = |&i: &u32| i != PADDING && self.classes[i as usize] == class;
+                let explicit = self.transport.is_explicit();
                 let (modelled, why) = match (class.blocker, class.glossy) {
+                    (_, false) if explicit => {
+                        ("irradiance alone, no bins, no J", "diffuse, and rays tell what blocks")
+                    }
+                    (_, true) if explicit => ("bins, specular K", "glossy, and rays tell what blocks"),
                     (false, false) => ("irradiance alone, no bins, no J", "diffuse, and no receiver behind"),
                     (true, false) => ("bins, J", "diffuse, and a receiver behind"),
                     (false, true) => ("bins, specular K", "glossy, and no receiver behind"),
