@@ -376,7 +376,8 @@ fn states_on_the_host_have_clusters_too() {
         // One scene has all that kernels for GPUs do otherwise, which take long here.
         let of_gpus = (name == "balls").then_some(of_gpus);
         for device in [device.clone()].into_iter().chain(of_gpus) {
-            let options = PlanOptions::of(&device).keep_near_field(false);
+            // Rays of kernels to lamps take memory, too.
+            let options = PlanOptions::of(&device).keep_near_field(false).trace_lamps(false);
             let (engine, hosted) = solve_within(&device, &scene, &settings, &options.memory_budget(3 << 20));
             let plan = engine.plan();
             assert_eq!(plan.transport(), PlannedTransport::Hierarchical { error });

@@ -270,7 +270,7 @@ fn a_budget_that_is_too_small_is_refused() {
     // By itself it is not chosen where it does not fit.
     let scene = plant(400);
     let options =
-        PlanOptions::default().backend(antirad::backend::BackendKind::Vulkan).memory_budget(8 << 20);
+        PlanOptions::default().backend(antirad::backend::BackendKind::Vulkan).memory_budget(4 << 20);
     let plan = Plan::new(&scene, &options, &scene.settings).expect("states on the host");
     assert!(!plan.transport().is_explicit(), "{}", plan.transport());
 }

@@ -272,11 +272,13 @@ fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
 
 #[test]
 fn refining_keeps_to_its_bounds() {
-    let scene = || Plates { count: 4, cells: 6, ..Plates::default() }.scene().expect("a scene");
+    let scene = || {
+        let scene = Plates { count: 4, cells: 6, ..Plates::default() }.scene().expect("a scene");
+        Scene { settings: scene.settings.visibility(VisibilityChoice::Implicit), ..scene }
+    };
     let count = scene().triangles.len();
     for most in [count + 1, count + 50, 4 * count] {
         let mut scene = scene();
-        scene.settings = scene.settings.visibility(VisibilityChoice::Implicit);
         let options = RefineOptions::default().max_triangles(most);
         let refined = refine(&mut scene, &PlanOptions::default(), &options).expect("refined");
         assert!(refined.full && scene.triangles.len() <= most && scene.triangles.len() + 3 > most);

@@ -330,12 +330,15 @@ impl Plan {
         before: Option<&Arc<ClusterChoice>>,
     ) -> Result<Self, PlanError> {
         let plan = Self::as_stated(scene, options, settings, before);
+        let automatic = settings.visibility == VisibilityChoice::Auto;
         match plan {
-            // What rays find may not fit where antiradiance does.
+            // What rays find may not fit where antiradiance and exact shadows do.
             Err(PlanError::OverBudget { .. } | PlanError::BufferTooLarge { .. })
-                if settings.visibility == VisibilityChoice::Auto =>
+                if automatic || options.trace_lamps =>
             {
-                Self::as_stated(scene, options, &settings.visibility(VisibilityChoice::Implicit), before)
+                let implicit = settings.visibility(VisibilityChoice::Implicit);
+                let settings = if automatic { &implicit } else { settings };
+                Self::as_stated(scene, &options.trace_lamps(false), settings, before)
             }
             plan => plan,
         }
