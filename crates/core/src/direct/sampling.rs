@@ -7,7 +7,7 @@ use super::highlight::Lobe;
 use super::lamps::Lamp;
 use super::surface::{Surface, within};
 use super::visible::Placed;
-use crate::model::Facet;
+use crate::model::{Facet, rays_among};
 use antirad_scene::Rays;
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -132,8 +132,7 @@ impl Sampling {
     }
 
     fn counted(facets: &[Facet], lamps: &[Lamp], counts: Arc<Vec<u32>>) -> Self {
-        let corners = facets.iter().map(|facet| facet.corners).collect();
-        let rays = Arc::new(Rays::among(corners, |i| facets[*i as usize].area > 0.0));
+        let rays = Arc::new(rays_among(facets));
         let surfaces = lamps.iter().map(|lamp| Surface::new(facets, lamp)).collect();
         Self { rays, surfaces: Arc::new(surfaces), counts }
     }

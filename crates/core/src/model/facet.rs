@@ -1,6 +1,7 @@
 //! Geometry of a triangle, in f64. Twin of crates/core/glsl/geometry.glsl.
 
 use super::vector::Vector;
+use antirad_scene::Rays;
 use glam::{DMat3, DVec3};
 
 /// A triangle with the quantities that the operators read.
@@ -18,6 +19,12 @@ pub struct Facet<V: Vector = DVec3> {
     /// (Weitzenböck's inequality), equal for equilateral triangles, and large for needles, whose area says little
     /// about their size.
     pub characteristic_area: V::Scalar,
+}
+
+/// Rays among triangles, of which those without area stop none.
+pub fn rays_among(facets: &[Facet]) -> Rays {
+    let corners = facets.iter().map(|facet| facet.corners).collect();
+    Rays::among(corners, |i| facets[*i as usize].area > 0.0)
 }
 
 impl Facet {

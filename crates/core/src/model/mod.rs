@@ -25,7 +25,7 @@ pub use clusters::{
     ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, MOVED, Parts, ReceiverLists, SOURCES, SourceLists,
     Spread, VolumeParts, Volumes, share,
 };
-pub use facet::{Facet, orthonormal_basis};
+pub use facet::{Facet, orthonormal_basis, rays_among};
 pub use facet::{centroid, quarters};
 pub use facet_gradient::FacetGradient;
 pub use frame_gradient::{FrameGradient, pull_local, pull_unit};

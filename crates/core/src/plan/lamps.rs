@@ -85,15 +85,16 @@ pub(super) fn choose(
         if lamps.is_empty() {
             return Some(Visibility::Exact);
         }
-        if traced && sampled(lamps).is_some() {
-            return sampled(lamps);
+        let by_rays = sampled(lamps);
+        if traced && by_rays.is_some() {
+            return by_rays;
         }
         if affordable(lamps, summed) {
             return Some(Visibility::Exact);
         }
         // With derivatives rather exactly than through bins, even where clusters make the solve fast.
         let slowly = || (summed < all && affordable(lamps, all)).then_some(Visibility::Exact);
-        sampled(lamps).or_else(slowly)
+        by_rays.or_else(slowly)
     };
     let visibility = match settings.lamps {
         Lamps::Exact => Some(Visibility::Exact),

@@ -2,8 +2,8 @@
 
 use super::{Occlusion, PlanError, PlanOptions};
 use crate::direct::{STEPS, mixed, sobol, within};
-use crate::model::{Facet, orthonormal_basis};
-use antirad_scene::{Rays, SolveSettings, VisibilityChoice};
+use crate::model::{Facet, orthonormal_basis, rays_among};
+use antirad_scene::{SolveSettings, VisibilityChoice};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -42,8 +42,7 @@ pub(super) fn why_explicit(
 /// direction bin there. The antiradiance of such blockers is wrong by more than the light that they stop (`warnings`, gain), and that of one
 /// multiplies the error of the one before.
 fn dense_share(facets: &[Facet]) -> f64 {
-    let solid = |i: &u32| facets[*i as usize].area > 0.0;
-    let rays = Rays::among(facets.iter().map(|facet| facet.corners).collect(), solid);
+    let rays = rays_among(facets);
     let coarse = |ray: DVec3, [(blocker, at), (_, next)]: [(usize, f64); 2]| {
         let Facet { area, normal, .. } = facets[blocker];
         area * normal.dot(ray).abs() > BIN * (next - at).powi(2)
@@ -54,7 +53,7 @@ fn dense_share(facets: &[Facet]) -> f64 {
         coarse.split(|coarse| !coarse).any(|row| row.len() > IN_A_ROW)
     };
     let step = facets.len().div_ceil(LOOKED_AT).max(1);
-    let looked: Vec<usize> = (0..facets.len()).step_by(step).filter(|&i| solid(&(i as u32))).collect();
+    let looked: Vec<usize> = (0..facets.len()).step_by(step).filter(|&i| facets[i].area > 0.0).collect();
     let dense = |&i: &usize| rays_of(&facets[i], i as u64, EACH).filter(|&ray| is_dense(i, ray)).count();
     let found: usize = looked.par_iter().map(dense).sum();
     found as f64 / (looked.len() * EACH).max(1) as f64

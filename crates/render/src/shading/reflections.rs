@@ -8,7 +8,7 @@
 
 use super::sights::Sights;
 use antirad_core::direct::{Lamp, barycentric, mixed, sobol};
-use antirad_core::model::{Bins, Facet, Taps};
+use antirad_core::model::{Bins, Facet, Taps, rays_among};
 use antirad_core::{Engine, EngineError, Solution};
 use antirad_scene::{Material, Patterns, Rays};
 use glam::DVec3;
@@ -140,10 +140,9 @@ impl Surroundings {
         for &i in engine.direct.light.lamps().iter().flat_map(Lamp::triangles) {
             emission[i as usize] = DVec3::ZERO;
         }
-        let corners = facets.iter().map(|facet| facet.corners).collect();
         let reflectance = |material: &Material| DVec3::from(material.diffuse_albedo()) / PI;
         Ok(Self {
-            rays: Rays::among(corners, |i| facets[*i as usize].area > 0.0),
+            rays: rays_among(facets),
             emission,
             reflectance: materials.iter().map(reflectance).collect(),
             irradiance: (0..facets.len()).map(irradiance).collect(),

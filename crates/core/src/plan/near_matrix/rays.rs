@@ -6,7 +6,7 @@
 
 use super::blocks::Blocks;
 use super::rows::{Geometry, Rows};
-use crate::model::{PADDING, Piece, orthonormal_basis};
+use crate::model::{PADDING, Piece, orthonormal_basis, rays_among};
 use crate::plan::visibility::rays_of;
 use antirad_scene::Rays;
 use glam::DVec3;
@@ -26,12 +26,10 @@ pub struct Seen<'a> {
 impl<'a> Seen<'a> {
     pub fn new(geometry: &'a Geometry<'a>) -> Self {
         let Geometry { facets, layout, .. } = *geometry;
-        let corners = facets.iter().map(|facet| facet.corners).collect();
-        let rays = Rays::among(corners, |i| facets[*i as usize].area > 0.0);
         let mut slots = vec![PADDING; facets.len()];
         let placed = layout.order.iter().zip(0..).filter(|(triangle, _)| **triangle != PADDING);
         placed.for_each(|(&triangle, slot)| slots[triangle as usize] = slot);
-        Self { geometry, rays, slots }
+        Self { geometry, rays: rays_among(facets), slots }
     }
 
     /// The rows of some receivers.
@@ -42,16 +40,13 @@ impl<'a> Seen<'a> {
             let basis = orthonormal_basis(facets[receiver].normal);
             for of_source in self.hits(receiver).chunk_by(|a, b| a.slot == b.slot) {
                 let slot = of_source[0].slot;
-                let source = layout.order[slot as usize] as usize;
-                sums.begin_pair();
-                for hit in of_source {
-                    let share = PI / RAYS as f64;
-                    let binned = if classes[source].glossy { share } else { 0.0 };
-                    let piece = Piece { direction: hit.direction, front: true, diffuse: share, binned };
-                    sums.tap(piece, &basis, (source, receiver));
-                }
-                sums.sum_up();
-                sums.append(slot);
+                let diffuse = PI / RAYS as f64;
+                let glossy = classes[layout.order[slot as usize] as usize].glossy;
+                let binned = if glossy { diffuse } else { 0.0 };
+                sums.pair(slot, (receiver, &basis), |tap| {
+                    let piece = |hit: &Hit| Piece { direction: hit.direction, front: true, diffuse, binned };
+                    of_source.iter().map(piece).for_each(tap);
+                });
             }
             sums.finish(slot, rows);
         })

@@ -166,11 +166,11 @@ pub struct Sums<'a> {
     rows: Used,
     columns: Used,
     /// Sums of the current pair, by row and column.
-    pair: Vec<f64>,
+    sums: Vec<f64>,
 }
 
 impl<'a> Sums<'a> {
-    pub fn new(geometry: &'a Geometry<'a>, blocks: &'a Blocks) -> Self {
+    fn new(geometry: &'a Geometry<'a>, blocks: &'a Blocks) -> Self {
         let bins = geometry.bins.count();
         Self {
             geometry,
@@ -180,7 +180,7 @@ impl<'a> Sums<'a> {
             pieces: Vec::new(),
             rows: Used::new(bins),
             columns: Used::new(2 * bins),
-            pair: Vec::new(),
+            sums: Vec::new(),
         }
     }
 
@@ -204,10 +204,7 @@ impl<'a> Sums<'a> {
                 half_range,
                 coincident,
             };
-            self.begin_pair();
-            pair.pieces(|piece| self.tap(piece, &basis, (i, j)));
-            self.sum_up();
-            self.append(source);
+            self.pair(source, (j, &basis), |tap| pair.pieces(tap));
         }
         self.finish(slot, rows);
     }
@@ -229,41 +226,56 @@ impl<'a> Sums<'a> {
         self.filled.clear();
     }
 
-    /// Begins a pair without pieces.
-    pub fn begin_pair(&mut self) {
-        self.pieces.clear();
-        self.rows.clear();
-        self.columns.clear();
+    /// Adds a pair: the slot of the source, the receiver with its frame, and what calls a function with each piece.
+    pub fn pair(
+        &mut self,
+        source: u32,
+        (receiver, basis): (usize, &DMat3),
+        pieces: impl FnOnce(&mut dyn FnMut(Piece)),
+    ) {
+        self.tap(self.geometry.layout.order[source as usize] as usize, (receiver, basis), pieces);
+        self.sum_up();
+        self.append(source);
     }
 
-    /// Adds a piece of the pair of triangles `source` and `receiver`, whose frame is `basis`, with its bilinear weights.
-    pub fn tap(&mut self, piece: Piece, basis: &DMat3, (source, receiver): (usize, usize)) {
+    /// Lists the pieces of a pair of triangles with their bilinear weights.
+    fn tap(
+        &mut self,
+        source: usize,
+        (receiver, basis): (usize, &DMat3),
+        of_pair: impl FnOnce(&mut dyn FnMut(Piece)),
+    ) {
         let Self { pieces, rows, columns, .. } = self;
         let Geometry { facets, classes, bins, pole, .. } = *self.geometry;
+        let source = orthonormal_basis(facets[source].normal);
         let taps = |used: &mut Used, first: usize, direction: DVec3| {
             bins.taps_beside(pole, direction).map(|(bin, weight)| (used.number(first + bin), weight))
         };
-        let at_receiver = match classes[receiver].has_bins() {
-            true => taps(rows, 0, basis.transpose() * -piece.direction),
-            false => [(0, 0.0); 4],
-        };
-        let from = |direction: DVec3| orthonormal_basis(facets[source].normal).transpose() * direction;
-        let at_source = match (piece.binned > 0.0, piece.front) {
-            (false, _) => [(0, 0.0); 4],
-            // Light that leaves the back was incident from the opposite direction.
-            (true, false) => taps(columns, 0, from(-piece.direction)),
-            (true, true) => taps(columns, bins.count(), from(piece.direction)),
-        };
-        pieces.push(Tapped { piece, receiver: at_receiver, source: at_source });
+        pieces.clear();
+        rows.clear();
+        columns.clear();
+        of_pair(&mut |piece| {
+            let receiver = match classes[receiver].has_bins() {
+                true => taps(rows, 0, basis.transpose() * -piece.direction),
+                false => [(0, 0.0); 4],
+            };
+            let source = match (piece.binned > 0.0, piece.front) {
+                (false, _) => [(0, 0.0); 4],
+                // Light that leaves the back was incident from the opposite direction.
+                (true, false) => taps(columns, 0, source.transpose() * -piece.direction),
+                (true, true) => taps(columns, bins.count(), source.transpose() * piece.direction),
+            };
+            pieces.push(Tapped { piece, receiver, source });
+        });
     }
 
     /// Sums up the pieces of a pair by bins of both ends.
-    pub fn sum_up(&mut self) {
+    fn sum_up(&mut self) {
         let width = 1 + self.columns.bins.len();
-        self.pair.clear();
-        self.pair.resize((1 + self.rows.bins.len()) * width, 0.0);
+        self.sums.clear();
+        self.sums.resize((1 + self.rows.bins.len()) * width, 0.0);
         let mut add = |(row, weight): (u32, f64), Tapped { piece, source, .. }: &Tapped| {
-            let row = &mut self.pair[row as usize * width..][..width];
+            let row = &mut self.sums[row as usize * width..][..width];
             row[0] += weight * piece.diffuse;
             // J is the identity on the state, and antiradiance counts negative.
             let binned = weight * if piece.front { piece.binned } else { -piece.binned };
@@ -280,12 +292,12 @@ impl<'a> Sums<'a> {
     }
 
     /// Appends the sums of a pair to the lists of the receiver.
-    pub fn append(&mut self, source: u32) {
+    fn append(&mut self, source: u32) {
         let bins = self.geometry.bins.count();
         let group = self.blocks.group_of(source);
         let outgoing = self.blocks.outgoing();
         let width = 1 + self.columns.bins.len();
-        for (number, values) in self.pair.chunks_exact(width).enumerate() {
+        for (number, values) in self.sums.chunks_exact(width).enumerate() {
             let row = number.checked_sub(1).map_or(0, |n| 1 + self.rows.bins[n]);
             for (number, &weight) in values.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
                 let bin = number.checked_sub(1).map(|n| self.columns.bins[n] as usize);
