@@ -25,11 +25,11 @@ pub const ALL_SUMS: u64 = 2 * PARTIAL_SUMS + super::LONGEST_RESTART as u64 + 1;
 pub const LAMP_PAIRS: u64 = 1 << 17;
 /// Bytes of the staging buffers for them.
 pub const LAMP_STAGING: u64 = 4 << 20;
-/// Reals of a box, of a triangle that blocks or emits, and of a pair with what is found of it; words of a node and of a pair
+/// Reals of a box, of a triangle that blocks or emits, and of what is known of a pair or found of it; bytes of a node and of a pair
 /// (crates/core/glsl/lamp_rays.comp).
 const BOX: u64 = 8;
 const FLAT: u64 = 12;
-const PAIR: u64 = 16;
+const PAIR: u64 = 8;
 const NODE_BYTES: u64 = 16;
 const PAIR_BYTES: u64 = 16;
 
@@ -65,17 +65,30 @@ pub(super) fn bin_bytes(bins: &Bins, channels: u32, precision: Precision) -> u64
 }
 
 impl Plan {
-    /// Bytes that the kernel of rays to lamps takes at most: polygons have no more triangles than the scene, and a tree over leaves of four
-    /// less than half as many nodes.
-    fn lamp_rays_bytes(&self) -> u64 {
-        let real = self.settings.precision.bytes();
-        let triangles = self.facets.len() as u64 + 4;
-        let emitters: u64 = self.lamps.iter().map(|lamp| lamp.triangles().len() as u64).sum();
-        let scene = triangles / 2 * (BOX * real + NODE_BYTES) + triangles * FLAT * real;
-        let lamps = emitters * (FLAT * real + 4) + (self.lamps.len() as u64 + 1) * 4;
-        let pairs = LAMP_PAIRS * (PAIR * real + PAIR_BYTES);
-        scene + lamps + pairs + LAMP_STAGING + 9 * ROUNDING
+    /// Bytes of the buffers of the kernel of rays to lamps: [`lamp_rays_room`].
+    pub(crate) fn lamp_rays_room(&self) -> [u64; 9] {
+        let emitters = self.lamps.iter().map(|lamp| lamp.triangles().len()).sum();
+        lamp_rays_room(self.settings.precision, self.facets.len(), emitters, self.lamps.len())
     }
+}
+
+/// Bytes of the buffers of the kernel of rays to lamps, in the order of its bindings, for a scene of so many triangles and lamps of so many
+/// triangles together. Blockers have no more triangles than the scene, but for those that fill up a leaf, and a tree over leaves of four less
+/// than half as many nodes.
+pub fn lamp_rays_room(precision: Precision, triangles: usize, emitters: usize, lamps: usize) -> [u64; 9] {
+    let real = precision.bytes();
+    let [triangles, emitters, lamps] = [triangles + 4, emitters, lamps].map(|count| count as u64);
+    [
+        triangles / 2 * BOX * real,
+        triangles / 2 * NODE_BYTES,
+        triangles * FLAT * real,
+        (lamps + 1) * 4,
+        emitters * FLAT * real,
+        emitters * 4,
+        LAMP_PAIRS * PAIR * real,
+        LAMP_PAIRS * PAIR_BYTES,
+        LAMP_PAIRS * PAIR * real,
+    ]
 }
 
 impl MemoryPlan {
@@ -113,7 +126,8 @@ impl MemoryPlan {
             memory.add(PICTURES, plan.options.pictures, 1);
         }
         if plan.traces_lamps() {
-            memory.add(LAMP_RAYS, plan.lamp_rays_bytes(), 1);
+            plan.lamp_rays_room().into_iter().for_each(|bytes| memory.add(LAMP_RAYS, bytes, 1));
+            memory.add(LAMP_RAYS, LAMP_STAGING, 1);
         }
         memory
     }

@@ -184,8 +184,9 @@ pub fn tracer(
 ) -> Option<impl FnOnce(&RayScene) -> Result<Arc<dyn Tracer>, GpuError>> {
     let precision = plan.settings.precision;
     let device = backend.vulkan().filter(|_| plan.traces_lamps())?;
+    let room = plan.lamp_rays_room();
     Some(move |scene: &RayScene| {
-        Ok(Arc::new(vulkan::LampRays::new(device, precision, scene)?) as Arc<dyn Tracer>)
+        Ok(Arc::new(vulkan::LampRays::new(device, precision, room, scene)?) as Arc<dyn Tracer>)
     })
 }
 

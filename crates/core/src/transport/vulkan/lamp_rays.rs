@@ -1,7 +1,6 @@
 //! Rays from points to lamps, which tell what the points see of them: direct light, of receivers and of what a camera sees.
 
 use super::real;
-use super::scene_buffers::filled;
 use crate::direct::{Flat, Look, RayScene, Sums, Surface, Traced, Tracer};
 use crate::plan::{LAMP_PAIRS, LAMP_STAGING};
 use crate::shaders;
@@ -22,6 +21,11 @@ const TAKE: u32 = 8 * RAYS;
 /// Reals of a pair: what is known of it, and what is found.
 const REALS: usize = 8;
 
+/// Buffers in the order of bindings that change from one dispatch to the next: points, the rays that are wanted, what is found.
+const POINTS: usize = 6;
+const WANTED: usize = 7;
+const FOUND: usize = 8;
+
 /// Traces rays of as many pairs at a time as there is room for.
 pub struct LampRays {
     device: Device,
@@ -29,20 +33,13 @@ pub struct LampRays {
     kernel: Pipeline,
     tolerance: f64,
     nodes: u32,
-    boxes: Buffer,
-    branches: Buffer,
-    blockers: Buffer,
-    lamps: Buffer,
-    emitters: Buffer,
-    ends: Buffer,
-    pairs: Mutex<Pairs>,
+    work: Mutex<Work>,
 }
 
-/// What changes from one dispatch to the next.
-struct Pairs {
-    points: Buffer,
-    wanted: Buffer,
-    found: Buffer,
+/// What one thread at a time uses.
+struct Work {
+    /// In the order of bindings.
+    buffers: Vec<Buffer>,
     pace: Pace,
 }
 
@@ -53,42 +50,46 @@ impl fmt::Debug for LampRays {
 }
 
 impl LampRays {
-    /// Uploads a scene; its buffers, with staging buffers of their own, take no more than a plan counts.
+    /// Uploads a scene to buffers of the bytes that a plan counts, [`lamp_rays_room`](crate::plan::lamp_rays_room), and staging buffers of
+    /// their own.
     ///
     /// # Errors
     /// Fails if the device has no memory for it, or cannot compile the kernel.
-    pub fn new(device: &Device, precision: Precision, scene: &RayScene) -> Result<Self, GpuError> {
+    pub fn new(
+        device: &Device,
+        precision: Precision,
+        room: [u64; 9],
+        scene: &RayScene,
+    ) -> Result<Self, GpuError> {
         let device = device.scope(LAMP_STAGING);
         let RayScene { boxes, branches, blockers, lamps, tolerance } = scene;
-        let reals = |values: &[f64]| real::filled(&device, LABEL, precision, values);
-        let room = |of_each: u64| Buffer::new(&device, LABEL, LAMP_PAIRS * of_each, BufferKind::Storage);
-        let nodes: Vec<[u32; 4]> =
-            branches.iter().map(|&[next, first, count]| [next, first, count, 0]).collect();
+        let nodes: Vec<u32> =
+            branches.iter().flat_map(|&[next, first, count]| [next, first, count, 0]).collect();
         let corners: Vec<f64> = boxes.iter().flat_map(|corners| widened(*corners, *tolerance)).collect();
         let triangles = |of: &mut dyn Iterator<Item = &Flat>| of.flat_map(flat).collect::<Vec<f64>>();
-        let of_lamps = || lamps.iter().flat_map(|lamp| &lamp.triangles);
+        let blockers = triangles(&mut blockers.iter());
         let mut begin = vec![0];
         begin.extend(lamps.iter().scan(0, |end, Surface { triangles, .. }| {
             *end += triangles.len() as u32;
             Some(*end)
         }));
+        let emitters = triangles(&mut lamps.iter().flat_map(|lamp| &lamp.triangles));
         let ends: Vec<u32> = lamps.iter().flat_map(|lamp| lamp.ends.iter().copied()).collect();
+        let buffers: Vec<Buffer> = room
+            .iter()
+            .map(|&bytes| Buffer::new(&device, LABEL, bytes, BufferKind::Storage))
+            .collect::<Result<_, _>>()?;
+        for (binding, reals) in [(0, corners), (2, blockers), (4, emitters)] {
+            real::upload(&device, &buffers[binding], precision, &reals)?;
+        }
+        for (binding, words) in [(1, nodes), (3, begin), (5, ends)] {
+            device.upload_slice(&buffers[binding], 0, &words)?;
+        }
         Ok(Self {
             kernel: Self::kernel(&device, precision)?,
             tolerance: *tolerance,
-            nodes: nodes.len() as u32,
-            boxes: reals(&corners)?,
-            branches: filled(&device, LABEL, &nodes)?,
-            blockers: reals(&triangles(&mut blockers.iter()))?,
-            lamps: filled(&device, LABEL, &begin)?,
-            emitters: reals(&triangles(&mut of_lamps()))?,
-            ends: filled(&device, LABEL, &ends)?,
-            pairs: Mutex::new(Pairs {
-                points: room(REALS as u64 * precision.bytes())?,
-                wanted: room(16)?,
-                found: room(REALS as u64 * precision.bytes())?,
-                pace: Pace::new(1e6),
-            }),
+            nodes: branches.len() as u32,
+            work: Mutex::new(Work { buffers, pace: Pace::new(1e6) }),
             device,
             precision,
         })
@@ -104,19 +105,9 @@ impl LampRays {
     }
 
     /// The rays of pairs that there is room for: those with such numbers, as far as each wants.
-    fn dispatch(&self, pairs: &Pairs, count: u32, rays: Range<u32>) -> Result<(), GpuError> {
-        let Pairs { points, wanted, found, pace } = pairs;
-        let buffers = [
-            &self.boxes,
-            &self.branches,
-            &self.blockers,
-            &self.lamps,
-            &self.emitters,
-            &self.ends,
-            points,
-            wanted,
-            found,
-        ];
+    fn dispatch(&self, work: &Work, count: u32, rays: Range<u32>) -> Result<(), GpuError> {
+        let Work { buffers, pace } = work;
+        let whole: Vec<_> = buffers.iter().map(Buffer::whole).collect();
         for first_ray in rays.clone().step_by(TAKE as usize) {
             let end_ray = rays.end.min(first_ray + TAKE);
             let each = u64::from(end_ray - first_ray);
@@ -128,7 +119,7 @@ impl LampRays {
                 let push = real::push(self.precision, &[self.tolerance], &words);
                 let groups = [(end - begin).div_ceil(WORKGROUP / RAYS), 1, 1];
                 let mut batch = self.device.batch()?;
-                batch.dispatch(&self.kernel, "rays", &buffers.map(Buffer::whole), &push, groups)?;
+                batch.dispatch(&self.kernel, "rays", &whole, &push, groups)?;
                 let seconds = batch.submit()?.wall_seconds;
                 let rays = u64::from(end - begin) * each;
                 pace.learn(pace.load(rays), seconds);
@@ -142,7 +133,7 @@ impl LampRays {
 
 impl Tracer for LampRays {
     fn trace(&self, looks: &[Look], rays: &[Range<u32>]) -> Result<Vec<Traced>, GpuError> {
-        let pairs = self.pairs.lock().unwrap_or_else(PoisonError::into_inner);
+        let work = self.work.lock().unwrap_or_else(PoisonError::into_inner);
         let mut all = Vec::with_capacity(looks.len());
         for (looks, rays) in looks.chunks(LAMP_PAIRS as usize).zip(rays.chunks(LAMP_PAIRS as usize)) {
             let point = |look: &Look| {
@@ -152,12 +143,13 @@ impl Tracer for LampRays {
             let points: Vec<f64> = looks.iter().flat_map(point).collect();
             let of_look = |(look, rays): (&Look, &Range<u32>)| [look.lamp as u32, rays.start, rays.end, 0];
             let wanted: Vec<[u32; 4]> = looks.iter().zip(rays).map(of_look).collect();
-            real::upload(&self.device, &pairs.points, self.precision, &points)?;
-            self.device.upload_slice(&pairs.wanted, 0, &wanted)?;
+            real::upload(&self.device, &work.buffers[POINTS], self.precision, &points)?;
+            self.device.upload_slice(&work.buffers[WANTED], 0, &wanted)?;
             let first = rays.iter().map(|rays| rays.start).min().unwrap_or_default();
             let end = rays.iter().map(|rays| rays.end).max().unwrap_or_default();
-            self.dispatch(&pairs, looks.len() as u32, first..end)?;
-            let values = real::download(&self.device, &pairs.found, self.precision, 0..points.len() as u64)?;
+            self.dispatch(&work, looks.len() as u32, first..end)?;
+            let values =
+                real::download(&self.device, &work.buffers[FOUND], self.precision, 0..points.len() as u64)?;
             let (found, _) = values.as_chunks::<REALS>();
             all.extend(found.iter().map(|&[x, y, z, all, arrive, ..]| Traced {
                 unoccluded: DVec3::new(x, y, z),
