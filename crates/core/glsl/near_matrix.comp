@@ -1,12 +1,12 @@
 #version 450 core
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_GOOGLE_include_directive : require
-// y += M x, with M a block of the near field in sliced ELLPACK: a workgroup takes a slice, a lane one of its rows. U
-// and its transpose are the same kernel over different matrices. Host side: crates/core/src/plan/near_matrix/sliced.rs.
+// y += M x, with M a block of the near field in sliced ELLPACK: a workgroup takes a slice, cooperative lanes one of its rows.
+// U and its transpose are the same kernel over different matrices. Host side: crates/core/src/plan/near_matrix/sliced.rs.
 
-#include "real.glsl"
+#include "cooperative.glsl"
 
-// Rows of a slice.
+// Cooperative lanes of all rows of a slice.
 layout(local_size_x_id = 0) in;
 // 3, or 1 for a scene without colour.
 layout(constant_id = 6) const uint CHANNELS = 3;
@@ -46,17 +46,17 @@ real3 light(uint column) {
 
 void main() {
     uint slice = first_slice + gl_WorkGroupID.x;
-    uint lane = gl_LocalInvocationID.x;
-    uint row = rows[slice * gl_WorkGroupSize.x + lane];
+    uint row = rows[slice * TARGETS + lane_target()];
     uint end = starts[slice + 1];
     uint begin = min(starts[slice] + skip, end);
     end = min(begin + take, end);
     real3 sum = real3(0.0);
-    for (uint step = begin; step < end; step++) {
-        uint at = step * gl_WorkGroupSize.x + lane;
+    for (uint step = begin + lane_turn(); step < end; step += COOPERATIVE) {
+        uint at = step * TARGETS + lane_target();
         sum += weights[at] * light(columns[at]);
     }
-    if (row != NO_ROW) {
+    sum = total(sum);
+    if (row != NO_ROW && lane_turn() == 0) {
         if (!TO_BINS) {
             to_slots[row].rgb += sum;
         } else if (CHANNELS == 1) {

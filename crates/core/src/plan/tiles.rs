@@ -78,6 +78,12 @@ impl TileLayout {
         self.order.len() as u32
     }
 
+    /// Number of slots of triangles of some classes, padding included.
+    pub fn slots_where(&self, of: impl Fn(Class) -> bool) -> u32 {
+        let groups = self.groups.iter().filter(|group| of(group.class));
+        groups.map(|group| self.slots_of(&group.tiles).len() as u32).sum()
+    }
+
     /// Number of tiles.
     pub fn tiles(&self) -> u32 {
         self.slots() / self.tile

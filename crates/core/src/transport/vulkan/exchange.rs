@@ -93,6 +93,7 @@ impl Exchange {
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),
             scattered: Some(u64::from(shape.receiver_bins)),
+            slots: plan.layout.slots_where(|class| class.has_bins() == shape.receiver_bins),
             shape: shape.name().to_owned(),
         };
         sweeps(device, plan, kernels)

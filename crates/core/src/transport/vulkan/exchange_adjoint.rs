@@ -51,6 +51,7 @@ impl ExchangeAdjoint {
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.receiver_bins),
             scattered: Some(u64::from(shape.source.blocker) + u64::from(shape.source.glossy)),
+            slots: plan.layout.slots_where(|class| class == shape.source),
             shape: shape.name().to_owned(),
         };
         sweeps(device, plan, kernels)

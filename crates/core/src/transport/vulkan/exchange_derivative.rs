@@ -52,6 +52,7 @@ impl ExchangeDerivative {
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()) + u64::from(shape.receiver_bins),
             scattered: None,
+            slots: plan.layout.slots(),
             shape: format!("{}, by {}", shape.name(), if target_is_source { "source" } else { "receiver" }),
         };
         let sweeps = |by_source| sweeps(device, plan, |shape| kernels(shape, by_source));

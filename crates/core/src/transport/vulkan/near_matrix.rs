@@ -7,7 +7,7 @@ use crate::plan::{Block, IncidentPart, OutgoingPart, Plan, SLICE, SlicedMatrix};
 use crate::shaders;
 use crate::transport::TransportError;
 use crate::transport::pace::Pace;
-use antirad_gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError, Pipeline};
+use antirad_gpu::{Buffer, BufferKind, BufferSlice, Device, DeviceKind, GpuError, Pipeline};
 use antirad_scene::Precision;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use std::sync::Arc;
@@ -26,6 +26,9 @@ pub struct NearMatrixPush {
 
 /// Steps of a slice per dispatch: lavapipe bounds the iterations of all loops of an invocation together by 65535.
 const TAKE: u32 = 32_768;
+
+/// Cooperative lanes of a GPU for each row of irradiance.
+const LONG_ROW_LANES: u32 = 16;
 
 /// The matrix from outgoing to incident light, or its transpose.
 pub struct NearMatrix {
@@ -91,8 +94,20 @@ impl NearMatrix {
     /// # Errors
     /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<[[Pipeline; 2]; 2], GpuError> {
+        let most = device.info().max_workgroup_invocations / SLICE;
         let kernel = |from_bins: u32, to_bins: u32| {
-            let constants = [(0, SLICE), (6, plan.channels), (8, from_bins), (9, to_bins)];
+            // Rows of irradiance have an entry for each bin of each close source: one lane would wait for thousands of words in turn.
+            let long = to_bins == 0 && device.kernels_for() != DeviceKind::Cpu;
+            let cooperative = if long { LONG_ROW_LANES.min(most).max(1) } else { 1 };
+            let lanes = SLICE * cooperative;
+            let constants = [
+                (0, lanes),
+                (6, plan.channels),
+                (8, from_bins),
+                (9, to_bins),
+                (13, lanes),
+                (15, cooperative),
+            ];
             let (shader, push) = (&shaders::NEAR_MATRIX, size_of::<NearMatrixPush>() as u32);
             Pipeline::new(device, shader.of(plan.settings.precision), 6, push, &constants)
         };

@@ -131,6 +131,8 @@ pub struct Kernels<'a> {
     pub gathers: u64,
     /// Sets of bins that are accumulated of a target; `None` where that is something else, and lanes cannot share a target.
     pub scattered: Option<u64>,
+    /// Slots of all triangles that are targets.
+    pub slots: u32,
     /// Name of the shape in the profile.
     pub shape: String,
 }
@@ -214,7 +216,8 @@ impl<'a> Between<'a> {
 
 impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
-        let Kernels { far, near, single, by_source, constants, take, gathers, scattered, shape } = kernels;
+        let Kernels { far, near, single, by_source, constants, take, gathers, scattered, slots, shape } =
+            kernels;
         let precision = plan.settings.precision;
         let info = device.info();
         let listed = plan.clusters().is_some();
@@ -223,7 +226,7 @@ impl Sweep {
             true if by_source => SOURCES,
             true => LIST,
         };
-        let shared = Cooperative::far(device, plan, scattered, targets);
+        let shared = Cooperative::far(device, plan, scattered, slots, targets);
         // Wide subgroups cover several groups of sources.
         let wide = shared.is_none() && listed && by_source && info.subgroup_size.is_multiple_of(targets);
         let lanes = match shared {
@@ -250,7 +253,7 @@ impl Sweep {
         .concat();
         // Its targets are anywhere.
         let any_bins = gathers > 0 || scattered.is_some_and(|sets| sets > 0);
-        let near_shared = Cooperative::close(device, plan, scattered, any_bins);
+        let near_shared = Cooperative::close(device, plan, scattered, slots, any_bins);
         let near_targets =
             near_shared.map_or(info.subgroup_size.min(plan.options.tile), |shared| shared.targets);
         let near_lanes = near_shared.map_or(near_targets, Cooperative::in_workgroup);
@@ -519,25 +522,32 @@ impl Cooperative {
     const ENOUGH: u32 = 1 << 18;
 
     /// Cooperative lanes for a kernel of far pairs, see [`Self::new`].
-    fn far(device: &Device, plan: &Plan, sets: Option<u64>, targets: u32) -> Option<Self> {
+    fn far(device: &Device, plan: &Plan, sets: Option<u64>, slots: u32, targets: u32) -> Option<Self> {
         let with_bins = sets? > 0;
-        let wanted = Self::ENOUGH.div_ceil(plan.layout.slots().max(1)).next_power_of_two();
+        let wanted = Self::ENOUGH.div_ceil(slots.max(1)).next_power_of_two();
         let lanes = if with_bins { Self::LANES } else { wanted.clamp(Self::LANES, Self::MOST_LANES) };
-        Self::new(device, plan, sets, lanes, targets)
+        Self::new(device, plan, sets, lanes, slots, targets)
     }
 
     /// Cooperative lanes for a kernel of close pairs, see [`Self::new`]. `any_bins`: whether either end has
     /// bins.
-    fn close(device: &Device, plan: &Plan, sets: Option<u64>, any_bins: bool) -> Option<Self> {
-        Self::new(device, plan, sets, Self::CLOSE_LANES[usize::from(any_bins)], plan.options.tile)
+    fn close(device: &Device, plan: &Plan, sets: Option<u64>, slots: u32, any_bins: bool) -> Option<Self> {
+        Self::new(device, plan, sets, Self::CLOSE_LANES[usize::from(any_bins)], slots, plan.options.tile)
     }
 
     /// Chooses as many targets of a tile, list or group of `targets` as have room for `sets` sets of bins in
-    /// workgroup memory, with `lanes` each. `None` for CPU drivers, where targets without bins are many, and
-    /// where there is no room for one.
-    fn new(device: &Device, plan: &Plan, sets: Option<u64>, lanes: u32, targets: u32) -> Option<Self> {
+    /// workgroup memory, with `lanes` each; `slots` are those of all targets. `None` for CPU drivers, where targets without bins are
+    /// many, and where there is no room for one.
+    fn new(
+        device: &Device,
+        plan: &Plan,
+        sets: Option<u64>,
+        lanes: u32,
+        slots: u32,
+        targets: u32,
+    ) -> Option<Self> {
         let bins = sets? * plan.bins.count() as u64;
-        let many = bins == 0 && plan.layout.slots() >= Self::FEW;
+        let many = bins == 0 && slots >= Self::FEW;
         if many || bins >= Self::BINS || device.kernels_for() == DeviceKind::Cpu {
             return None;
         }
