@@ -434,6 +434,7 @@ impl PlanOptions {
             staging: if info.is_some() { antirad_gpu::staging_bytes() } else { 0 },
             page: if info.is_some() { max_buffer } else { Self::default().page },
             backend: backend.kind(),
+            fast_near_field: backend.gpu().is_some(),
             trace_lamps: backend.gpu().is_some(),
             rank: ranks.rank() as u32,
             ranks: ranks.count() as u32,

@@ -25,7 +25,7 @@ pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, 
 pub use lamps::LampsReport;
 pub use lamps::{direct_lamps, has_direct_lamps};
 pub use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
-pub use memory::{ALL_SUMS, LAMP_PAIRS, LAMP_STAGING, PARTIAL_SUMS};
+pub use memory::{ALL_SUMS, LAMP_PAIRS, LAMP_STAGING, PARTIAL_SUMS, lamp_rays_room};
 pub use memory::{MemoryItem, MemoryPlan};
 pub use near_matrix::{
     Block, IncidentPart, NO_ROW, NearField, NearMatrix, OutgoingPart, SLICE, SlicedMatrix,
@@ -76,6 +76,9 @@ pub struct PlanOptions {
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
     /// most of the near field of all others.
     pub keep_near_field: bool,
+    /// Whether kernels evaluate the near field in a hundredth of that time, so that it is kept for derivatives alone: those are asked for
+    /// many times of one plan.
+    pub fast_near_field: bool,
     /// The backend that executes the plan.
     pub backend: BackendKind,
     /// Whether its kernels trace rays to lamps: direct light then comes by rays, unless stated otherwise or differentiated by positions.
@@ -99,6 +102,7 @@ setters!(PlanOptions {
     occlusion: Occlusion,
     gradients: GradientRequest,
     keep_near_field: bool,
+    fast_near_field: bool,
     backend: BackendKind,
     trace_lamps: bool,
     rank: u32,
@@ -126,6 +130,11 @@ impl PlanOptions {
 }
 
 impl PlanOptions {
+    /// Whether the near field is to be kept as a matrix.
+    pub(crate) fn keeps_near_field(&self) -> bool {
+        self.keep_near_field && (!self.fast_near_field || self.gradients.any())
+    }
+
     /// The options of lavapipe, the Vulkan driver for CPUs: a heap of 2 GiB, 128 MiB per storage buffer.
     pub fn lavapipe() -> Self {
         Self {
@@ -152,6 +161,7 @@ impl Default for PlanOptions {
             occlusion: Occlusion::Exact,
             gradients: GradientRequest::NOTHING,
             keep_near_field: true,
+            fast_near_field: false,
             backend: BackendKind::Cpu,
             trace_lamps: false,
             rank: 0,

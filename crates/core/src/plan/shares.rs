@@ -158,7 +158,7 @@ impl Plan {
             }
         };
         let near = pairs.near.offsets[slots.end as usize] - pairs.near.offsets[slots.start as usize];
-        far + u64::from(near) * NEAR_WORK[usize::from(self.options.keep_near_field)]
+        far + u64::from(near) * NEAR_WORK[usize::from(self.options.keeps_near_field())]
     }
 }
 

@@ -80,6 +80,7 @@ impl fmt::Display for NearField {
     }
 }
 
+const FAST: &str = "kernels are faster at that than the matrix is made";
 const NO_ROOM: &str = "its matrix does not fit the memory budget";
 const TOO_LARGE: &str = "its matrix is larger than a buffer may be";
 /// Receivers whose rows are evaluated to estimate the size of the whole matrix.
@@ -133,8 +134,8 @@ impl Plan {
 
     fn near_matrix(&self) -> Result<NearMatrix, &'static str> {
         let near = &self.interactions.by_receiver.near;
-        if !self.options.keep_near_field {
-            return Err("not asked for");
+        if !self.options.keeps_near_field() {
+            return Err(if self.options.keep_near_field { FAST } else { "not asked for" });
         }
         if self.residency != Residency::Device {
             return Err("the solver's vectors do not fit the memory budget");
