@@ -22,7 +22,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::thread;
 use support::random::{balls_on_a_glossy_floor, random_scene, with_own_powers};
-use support::{backend, finish, load, placed, relative_l2};
+use support::{backend, finish, load, placed, relative_l2, same_to_rounding};
 
 const BOTH: [BackendKind; 2] = [BackendKind::Cpu, BackendKind::Vulkan];
 
@@ -468,11 +468,18 @@ fn a_fit_that_loses_a_rank_is_gone_on_with() {
         assert_eq!(outcome.resumed_from, from);
         outcome
     });
-    let values = |outcome: &Outcome| (outcome.loss.to_bits(), format!("{:?}", outcome.recovered));
-    assert_eq!(values(&resumed), values(&alone));
-    assert_eq!(resumed.history, alone.history);
+    let values = |outcome: &Outcome| -> Vec<f64> {
+        let recovered = outcome.recovered.iter().flat_map(|of| &of.value).copied();
+        recovered.chain(outcome.history.iter().map(|record| record.loss)).collect()
+    };
+    let [found, expected] = [&resumed, &alone].map(values);
+    // Two ranks add the sums of kernels in another order than one.
+    let agree = match backend() {
+        Backend::Vulkan(_) => same_to_rounding(&found, &expected),
+        Backend::Cpu(_) => found == expected,
+    };
+    assert!(agree, "{found:?}, not {expected:?}");
 }
-
 #[test]
 fn a_plan_for_other_ranks_is_refused() {
     let scene = load("scenes/closed_box.toml");

@@ -10,7 +10,8 @@ use std::path::Path;
 fn a_plan_needs_no_device() {
     let folder = Folder::with(&[]);
     let nowhere = Path::new("/nowhere.json");
-    let planned = run(without_driver(&mut folder.tool(["plan", "room.toml", "--json"]), nowhere)).succeeded();
+    let of_cpu = || folder.tool(["plan", "room.toml", "--backend", "cpu", "--json"]);
+    let planned = run(without_driver(&mut of_cpu(), nowhere)).succeeded();
     assert_eq!(planned.stderr, "");
     let plan: serde_json::Value = serde_json::from_str(&planned.stdout).expect("JSON");
     assert_eq!(plan["triangles"], 200);
@@ -20,7 +21,7 @@ fn a_plan_needs_no_device() {
     let classes = plan["classes"].as_array().expect("classes");
     let triangles: u64 = classes.iter().map(|class| class["triangles"].as_u64().expect("a count")).sum();
     assert_eq!(triangles, 200);
-    assert_eq!(planned.stdout, folder.run("plan room.toml --json").succeeded().stdout);
+    assert_eq!(planned.stdout, run(&mut of_cpu()).succeeded().stdout);
     let mut tool = folder.tool(["plan", "room.toml", "--backend", "vulkan", "--json"]);
     let planned = run(without_driver(&mut tool, nowhere)).succeeded();
     let of_vulkan: serde_json::Value = serde_json::from_str(&planned.stdout).expect("JSON");
@@ -30,7 +31,7 @@ fn a_plan_needs_no_device() {
     assert!(staging(&of_vulkan) && !staging(&plan));
 
     let words = run(without_driver(&mut folder.tool(["plan", "room.toml"]), nowhere)).succeeded().stdout;
-    says(&words, &["triangles        200", "10x13", &bytes.to_string()]);
+    says(&words, &["triangles        200", "10x13"]);
     assert!(!folder.path("out").exists());
 }
 

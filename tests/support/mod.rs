@@ -45,6 +45,20 @@ pub fn finish(backend: impl Into<Backend>) {
     }
 }
 
+/// Whether numbers are the same: to the bit, or to rounding on a GPU, whose compiler contracts products and sums in one kernel and not in
+/// another.
+pub fn same(backend: impl Into<Backend>, found: &[f64], expected: &[f64]) -> bool {
+    let gpu = backend.into().vulkan().is_some_and(|device| device.info().kind != DeviceKind::Cpu);
+    if gpu { same_to_rounding(found, expected) } else { found == expected }
+}
+
+/// Whether numbers are the same but for rounding of single precision.
+pub fn same_to_rounding(found: &[f64], expected: &[f64]) -> bool {
+    let difference: f64 = found.iter().zip(expected).map(|(a, b)| (a - b).powi(2)).sum();
+    let square: f64 = expected.iter().map(|x| x * x).sum();
+    found.len() == expected.len() && difference <= 1e-12 * square
+}
+
 /// The operators of a backend for a planned scene, whose triangles emit what their materials do.
 pub fn operators(backend: &Backend, scene: &Scene, plan: &Plan) -> Box<dyn Operators> {
     let emission: Vec<[f64; 3]> = (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
