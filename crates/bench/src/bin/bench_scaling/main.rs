@@ -53,8 +53,8 @@ struct Arguments {
     /// Folder for scaling.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/scaling")]
     output: PathBuf,
-    /// Skip sizes that DIR/scaling.csv already has with the same backend, bins, transport, memory budget and ranks; keep those of the other
-    /// backend
+    /// Skip sizes that DIR/scaling.csv already has of the same device, with the same bins, transport, memory budget and ranks; keep those of
+    /// other devices and backends, also of other machines
     #[arg(long)]
     resume: bool,
     /// Where bounces are computed: vulkan, by kernels on whatever Vulkan device there is; cpu; or both, one after the other
@@ -120,7 +120,6 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
     let (bins, transport) = (arguments.bins.to_string(), arguments.transport.to_string());
     rows.retain(|row| row.bins == bins && row.transport == transport);
     rows.retain(|row| row.budget == arguments.memory_budget && row.ranks == arguments.ranks);
-    rows.retain(|row| arguments.triangles.contains(&row.size));
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
     if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {
         bar.set_style(style.progress_chars("=> "));
@@ -128,16 +127,23 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
     // Time grows with the square of the size.
     let cost = |size: u32| f64::from(size).powi(2);
     let of_backend = |&backend: &BackendKind| arguments.triangles.iter().map(move |&size| (backend, size));
+    // Which device measures, and how it fares: drivers cache compiled kernels, which then take no time of the measurements.
+    bar.set_message("compiling kernels");
+    let mut devices = Vec::new();
+    for &backend in &arguments.backend {
+        match measure::in_child(arguments, (backend, measure::SMALLEST), interrupt, &|_| ())? {
+            Size::Measured(row) => devices.push((backend, row.device)),
+            Size::Failed(why) => return Err(format!("{backend}: {why}").into()),
+            Size::Interrupted => return Ok(Outcome::Interrupted),
+        }
+    }
+    let of_here = |row: &table::Row| devices.iter().any(|(of, device)| row.backend == *of && row.device == *device);
+    rows.retain(|row| !of_here(row) || arguments.triangles.contains(&row.size));
     let known = |&(backend, size): &(BackendKind, u32)| {
-        rows.iter().any(|row| row.backend == backend && row.size == size)
+        rows.iter().any(|row| of_here(row) && row.backend == backend && row.size == size)
     };
     let todo: Vec<(BackendKind, u32)> =
         arguments.backend.iter().flat_map(of_backend).filter(|of| !known(of)).collect();
-    if todo.iter().any(|(backend, _)| *backend == BackendKind::Vulkan) {
-        // Drivers cache compiled kernels: compiling them now keeps it out of the measurements.
-        bar.set_message("compiling kernels");
-        measure::in_child(arguments, (BackendKind::Vulkan, measure::SMALLEST), interrupt, &|_| ())?;
-    }
     let total: f64 = todo.iter().map(|&(_, size)| cost(size)).sum();
     let mut done = 0.0;
     let mut failures = Vec::new();
@@ -147,7 +153,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
         match measure::in_child(arguments, (backend, size), interrupt, &progress)? {
             Size::Measured(row) => {
                 rows.push(*row);
-                rows.sort_by_key(|row| (row.backend.to_string(), row.size));
+                rows.sort_by_key(|row| (row.backend.to_string(), row.device.clone(), row.size));
                 table::write(&arguments.output, &rows)?;
             }
             Size::Failed(why) => failures.push(format!("{size} triangles: {why}")),

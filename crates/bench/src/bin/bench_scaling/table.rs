@@ -108,19 +108,19 @@ fn with_slope(label: &str, points: &[(f64, f64)]) -> String {
     slope(points).map_or_else(|| label.to_owned(), |s| format!("{label}, slope {s:.3}"))
 }
 
-/// The rows of each backend.
-fn by_backend(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
-    rows.chunk_by(|a, b| a.backend == b.backend)
+/// The rows of each device.
+fn by_device(rows: &[Row]) -> impl Iterator<Item = &[Row]> {
+    rows.chunk_by(|a, b| (a.backend, &a.device) == (b.backend, &b.device))
 }
 
-/// A curve for each backend.
+/// A curve for each device.
 fn curves(rows: &[Row], of: fn(&[Row]) -> Vec<(f64, f64)>) -> Vec<Curve> {
     let curve = |rows: &[Row]| {
         let label = format!("{} on {}, {} threads", rows[0].backend, rows[0].device, rows[0].threads);
         let points = of(rows);
         Curve { label: with_slope(&label, &points), points, drawn: Drawn::Curve }
     };
-    by_backend(rows).map(curve).collect()
+    by_device(rows).map(curve).collect()
 }
 
 pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
@@ -190,7 +190,7 @@ pub fn print(rows: &[Row]) {
             row.pairs_per_second
         );
     }
-    for rows in by_backend(rows) {
+    for rows in by_device(rows) {
         let Row { backend, device, threads, bytes_peak, .. } = &rows[rows.len() - 1];
         let power = |of: Option<f64>| of.map_or_else(|| "-".to_owned(), |slope| format!("{slope:.3}"));
         antirad::say!(
