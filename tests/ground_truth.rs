@@ -85,6 +85,23 @@ fn cornell_boxes() {
     finish(&backend);
 }
 
+/// The boxes have no bottom, and stand within triangles of the floor.
+#[test]
+fn cornell_boxes_cut_where_the_boxes_stand() {
+    let backend = backend();
+    let given = load("scenes/cornell_boxes.toml");
+    let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
+    let mut scene = given.clone();
+    let parents = scene.cut_along_contacts(usize::MAX);
+    assert!(parents.len() > given.triangles.len() && parents.len() < given.triangles.len() + 200);
+    let (_engine, solution) = solve(&backend, &scene, &scene.settings);
+    let means = scene.means_on(&parents, &areas(&given), &solution.irradiance);
+    let error = relative_l2(&means, &truth, &areas(&given));
+    println!("cornell_boxes, cut along contacts: relative L2 {:.3} %", 100.0 * error);
+    assert!(error <= 0.005, "{error}");
+    finish(&backend);
+}
+
 /// Without J the error is large: the test is sensitive to occlusion.
 #[test]
 fn cornell_boxes_without_occlusion() {

@@ -11,6 +11,7 @@ mod backend;
 mod builder;
 mod camera;
 mod check;
+mod contacts;
 mod energy;
 mod error;
 mod file;

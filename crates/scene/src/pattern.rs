@@ -69,12 +69,20 @@ impl Pattern {
 
     /// The four parts of a triangle that is cut at the midpoints of its edges; they keep its means, as they keep its material.
     pub fn quarters(&self) -> [Self; 4] {
-        [0, 1, 2, 3].map(|part| self.quarter(part))
+        quarters(DVec3::AXES, DVec3::midpoint).map(|corners| self.part(corners))
     }
 
-    fn quarter(&self, part: usize) -> Self {
-        let (uvs, colours) = (quarters(self.uvs, DVec2::midpoint), quarters(self.colours, DVec3::midpoint));
-        Self { uvs: uvs[part], colours: colours[part], ..self.clone() }
+    /// A part with such corners, in barycentric coordinates: it keeps the means, as it keeps the material.
+    fn part(&self, corners: [DVec3; 3]) -> Self {
+        if corners == DVec3::AXES {
+            return self.clone();
+        }
+        let [[p, q, r], [a, b, c]] = [self.uvs.map(|uv| uv.extend(0.0)), self.colours];
+        Self {
+            uvs: corners.map(|at| (p * at.x + q * at.y + r * at.z).truncate()),
+            colours: corners.map(|at| a * at.x + b * at.y + c * at.z),
+            ..self.clone()
+        }
     }
 
     /// The means of its own place, where it is part of a triangle that was cut.
@@ -169,15 +177,12 @@ impl Patterns {
         }
     }
 
-    /// Replaces triangles: each new one is an old one, or a part of one (its number in the order of [`quarters`]).
-    pub(super) fn rearrange(&mut self, new: impl Iterator<Item = (u32, Option<usize>)>) {
+    /// Replaces triangles: each new one is a part of an old one, or all of it, by its corners in barycentric coordinates.
+    pub(super) fn rearrange(&mut self, new: impl Iterator<Item = (u32, [DVec3; 3])>) {
         if self.of.is_empty() {
             return;
         }
-        let of = new.map(|(old, part)| {
-            let pattern = self.of.get(old as usize)?.as_ref()?;
-            Some(part.map_or_else(|| pattern.clone(), |part| pattern.quarter(part)))
-        });
+        let of = new.map(|(old, corners)| Some(self.of.get(old as usize)?.as_ref()?.part(corners)));
         self.of = of.collect();
     }
 }

@@ -92,6 +92,23 @@ impl Rays {
         best.map(|(triangle, hit)| (triangle, hit.distance))
     }
 
+    /// What a ray along a unit direction meets first: true for a front, false for a back, `None` for nothing, or for both sides of a sheet
+    /// and two surfaces that touch. Never `from`, where it starts.
+    pub(crate) fn first_is_front(&self, origin: DVec3, direction: DVec3, from: usize) -> Option<bool> {
+        // Distances to the nearest back and front.
+        let mut nearest = [f64::INFINITY; 2];
+        self.visit(origin, direction, f64::INFINITY, |triangle, hit| {
+            let side = usize::from(hit.front);
+            let nearer = triangle != from && hit.distance < nearest[side];
+            nearer.then(|| {
+                nearest[side] = hit.distance;
+                nearest[0].min(nearest[1]) + self.epsilon
+            })
+        });
+        let [back, front] = nearest;
+        ((back - front).abs() > self.epsilon).then_some(front < back)
+    }
+
     /// All fronts along a unit direction, from near to far, with their distances, m; without `from`, where the ray starts.
     pub fn fronts(&self, origin: DVec3, direction: DVec3, from: usize) -> Vec<(usize, f64)> {
         let mut fronts = Vec::new();

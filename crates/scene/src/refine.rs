@@ -1,9 +1,18 @@
 //! Subdivides chosen triangles of a scene.
 
-use super::geometry::subdivide;
+use super::geometry::{quarters, subdivide};
 use super::{Scene, bounds};
 use glam::DVec3;
 use std::sync::Arc;
+
+/// A part of a triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part {
+    /// Its corners among the vertices of the scene.
+    pub vertices: [u32; 3],
+    /// Its corners in barycentric coordinates of the triangle.
+    pub corners: [DVec3; 3],
+}
 
 impl Scene {
     /// Replaces each of the triangles (ascending, without repeats) in place by four, cut at the midpoints of its edges; the
@@ -14,9 +23,20 @@ impl Scene {
     pub fn split(&mut self, chosen: &[u32]) -> Vec<u32> {
         let faces: Vec<[u32; 3]> = chosen.iter().map(|&t| self.triangles[t as usize].vertices).collect();
         let children = subdivide(&mut self.vertices, &faces);
-        let mut children = children.chunks_exact(4).zip(chosen).peekable();
-        let mut parents = Vec::with_capacity(self.triangles.len() + 3 * chosen.len());
+        let corners = quarters(DVec3::AXES, DVec3::midpoint);
+        let mut parts = vec![None; self.triangles.len()];
+        for (&t, four) in chosen.iter().zip(children.chunks_exact(4)) {
+            let part = |(&vertices, &corners)| Part { vertices, corners };
+            parts[t as usize] = Some(four.iter().zip(&corners).map(part).collect());
+        }
+        self.replace(&parts)
+    }
+
+    /// Replaces triangles in place by their parts, where they have some; the others keep their order. Returns the parent of each new
+    /// triangle.
+    pub(super) fn replace(&mut self, parts: &[Option<Vec<Part>>]) -> Vec<u32> {
         let old = std::mem::take(&mut self.triangles);
+        let (mut parents, mut patterns) = (Vec::new(), Vec::new());
         let mut meshes = self.meshes.iter_mut().zip((0..).map(|k| self.origins.get(k).cloned()));
         let mut origins = Vec::new();
         for (mesh, origin) in &mut meshes {
@@ -24,32 +44,22 @@ impl Scene {
             let mut lines = Vec::new();
             for t in mesh.range.clone() {
                 let triangle = old[t as usize];
+                let whole = [Part { vertices: triangle.vertices, corners: DVec3::AXES }];
                 let line =
                     origin.as_ref().and_then(|o| o.lines.get((t - mesh.range.start) as usize)).copied();
-                let new = match children.next_if(|(_, chosen)| **chosen == t) {
-                    Some((four, _)) => {
-                        four.iter().map(|&vertices| super::Triangle { vertices, ..triangle }).collect()
-                    }
-                    None => vec![triangle],
-                };
-                parents.extend(new.iter().map(|_| t));
-                lines.extend(new.iter().filter_map(|_| line));
-                self.triangles.extend(new);
+                for part in parts[t as usize].as_deref().unwrap_or(&whole) {
+                    self.triangles.push(super::Triangle { vertices: part.vertices, ..triangle });
+                    parents.push(t);
+                    patterns.push((t, part.corners));
+                    lines.extend(line);
+                }
             }
             mesh.range = first..self.triangles.len() as u32;
             origins.extend(origin.map(|o| super::Origin { lines, ..o }));
         }
         self.origins = origins;
         if !self.patterns.is_empty() {
-            let mut cut = chosen.iter().copied().peekable();
-            let mut rows: Vec<(u32, Option<usize>)> = Vec::with_capacity(parents.len());
-            for t in 0..old.len() as u32 {
-                match cut.next_if_eq(&t) {
-                    Some(t) => rows.extend((0..4).map(|part| (t, Some(part)))),
-                    None => rows.push((t, None)),
-                }
-            }
-            Arc::make_mut(&mut self.patterns).rearrange(rows.into_iter());
+            Arc::make_mut(&mut self.patterns).rearrange(patterns.into_iter());
         }
         self.update_degenerate();
         parents

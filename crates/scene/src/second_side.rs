@@ -63,7 +63,7 @@ impl Scene {
         }
         if !self.patterns.is_empty() {
             let patterns = Arc::make_mut(&mut self.patterns);
-            patterns.rearrange(rows.iter().map(|&(old, _)| (old, None)));
+            patterns.rearrange(rows.iter().map(|&(old, _)| (old, DVec3::AXES)));
             rows.iter().zip(0..).filter(|((_, second), _)| *second).for_each(|(_, t)| patterns.turn(t));
         }
         self.triangles.len() - old.len()

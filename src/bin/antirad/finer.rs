@@ -1,9 +1,9 @@
-//! `render --refine`: a scene with a finer mesh, and results for the triangles of the given one.
+//! `render --refine`: a scene whose triangles are cut, and results for the triangles of the given one.
 
 use crate::Failure;
 use antirad::cli::{Interrupt, Working};
 use antirad::plan::PlanOptions;
-use antirad::scene::Scene;
+use antirad::scene::{Choice, Scene};
 use antirad::target_error::usual_settings;
 use antirad::warnings::{RefineOptions, refine, too_coarse};
 
@@ -19,49 +19,93 @@ pub struct Finer {
 }
 
 impl Finer {
-    /// Cuts triangles if the mesh is [far too coarse](too_coarse), which adds at most [`UNASKED`]; else
-    /// `None`.
-    pub fn where_coarse(
+    /// A scene as it is.
+    fn whole(scene: &Scene) -> Self {
+        let count = scene.triangles.len();
+        Self {
+            parents: (0..count as u32).collect(),
+            areas: (0..count).map(|t| scene.area_vector(t).length()).collect(),
+        }
+    }
+
+    /// Cuts triangles where others touch them or pass through them, and then if the mesh is [far too coarse](too_coarse); either adds at
+    /// most [`UNASKED`]. `None` if the scene stays as it is.
+    pub fn where_needed(
         scene: &mut Scene,
         max_triangles: usize,
         interrupt: &Interrupt,
     ) -> Result<Option<Self>, Failure> {
+        let mut finer = Self::whole(scene);
+        let given = scene.clone();
+        let touched = finer.cut_contacts(scene, max_triangles, interrupt);
         let looking = Working::on("looking for shadows");
-        let given = scene.triangles.len();
-        let coarse = given < max_triangles && interrupt.while_computing(|| too_coarse(scene));
+        let count = scene.triangles.len();
+        let coarse = count < max_triangles && interrupt.while_computing(|| too_coarse(scene));
+        if touched && !coarse {
+            // Bins and near field are chosen by the mesh as given: seen from a part at its foot, each blocker is large.
+            scene.settings = interrupt.while_computing(|| usual_settings(&given));
+            scene.choice = Choice::Open { bins: false, near_field: false };
+        }
         drop(looking);
-        let cut = || Ok(Self::cut(scene, max_triangles.min(given + UNASKED), interrupt)?.0);
-        coarse.then(cut).transpose()
+        if coarse {
+            finer.cut(scene, max_triangles.min(count + UNASKED), interrupt)?;
+        }
+        Ok((touched || coarse).then_some(finer))
     }
 
-    /// Cuts triangles where the mesh is too coarse for shadows: see [`refine`]. Settings stay as they are.
+    /// Cuts triangles where others touch them or pass through them, and where the mesh is too coarse for shadows: see [`refine`]. Settings
+    /// stay as they are.
     pub fn of(scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> Result<Self, Failure> {
-        let (finer, full) = Self::cut(scene, max_triangles, interrupt)?;
-        if full {
+        let mut finer = Self::whole(scene);
+        finer.cut_contacts(scene, max_triangles, interrupt);
+        if finer.cut(scene, max_triangles, interrupt)? {
             tracing::warn!("the mesh would be finer, but for --max-triangles {max_triangles}");
         }
         Ok(finer)
     }
 
+    /// Cuts triangles along contacts, see [`Scene::cut_along_contacts`], and tells whether there are any.
+    fn cut_contacts(&mut self, scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> bool {
+        let _working = Working::on("looking for contacts");
+        let most = max_triangles.min(scene.triangles.len() + UNASKED);
+        let parents = interrupt.while_computing(|| scene.cut_along_contacts(most));
+        let touched = parents.len() != self.parents.len();
+        if touched {
+            tracing::info!(
+                "{} triangles instead of {}, cut where others touch them",
+                parents.len(),
+                self.given()
+            );
+        }
+        self.compose(&parents);
+        touched
+    }
+
     /// Cuts triangles where the mesh is too coarse for shadows, and tells whether `max_triangles` prevented
     /// further cuts.
-    fn cut(scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> Result<(Self, bool), Failure> {
+    fn cut(
+        &mut self,
+        scene: &mut Scene,
+        max_triangles: usize,
+        interrupt: &Interrupt,
+    ) -> Result<bool, Failure> {
         let _working = Working::on("refining the mesh");
-        let areas: Vec<f64> = (0..scene.triangles.len()).map(|t| scene.area_vector(t).length()).collect();
-        let settings = scene.settings;
+        let (before, settings) = (scene.triangles.len(), scene.settings);
         let refined = interrupt.while_computing(|| {
             scene.settings = usual_settings(scene);
             let options = RefineOptions::default().max_triangles(max_triangles);
             refine(scene, &PlanOptions::default(), &options)
         })?;
         scene.settings = settings;
-        tracing::info!(
-            "{} triangles instead of {}, after {} rounds",
-            scene.triangles.len(),
-            areas.len(),
-            refined.rounds
-        );
-        Ok((Self { parents: refined.parents, areas }, refined.full))
+        let (count, rounds) = (scene.triangles.len(), refined.rounds);
+        tracing::info!("{count} triangles instead of {before}, after {rounds} rounds");
+        self.compose(&refined.parents);
+        Ok(refined.full)
+    }
+
+    /// Cuts parts further: `parents` are those of the new parts among the present ones.
+    fn compose(&mut self, parents: &[u32]) {
+        self.parents = parents.iter().map(|&part| self.parents[part as usize]).collect();
     }
 
     /// Number of the given triangles.

@@ -41,9 +41,9 @@ pub struct Arguments {
     /// Render this camera only; may be given several times [default: all cameras of the scene]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
-    /// Cut triangles first where the mesh is too coarse for shadows, as `antirad refine` does: always, never, or into at most 4000 more
-    /// where a triangle receives 12 % of the light of lamps, or what surfaces reflect of it is off by 10 % (auto). Files per
-    /// triangle have means over those given
+    /// Cut triangles first where others stand on them or pass through them, and where the mesh is too coarse for shadows, as `antirad
+    /// refine` does: always, never, or the latter into at most 4000 more where a triangle receives 12 % of the light of lamps, or what
+    /// surfaces reflect of it is off by 10 % (auto). Files per triangle have means over those given
     #[arg(
         long,
         value_name = "WHEN",
@@ -131,7 +131,7 @@ pub fn run(
     let finer = match (scene.choice, arguments.refine) {
         (Choice::Within(_), _) | (_, Refine::Never) => None,
         (_, Refine::Always) => Some(Finer::of(&mut scene, arguments.max_triangles, interrupt)?),
-        (_, Refine::Auto) => Finer::where_coarse(&mut scene, arguments.max_triangles, interrupt)?,
+        (_, Refine::Auto) => Finer::where_needed(&mut scene, arguments.max_triangles, interrupt)?,
     };
     stages.end("refine");
     let options = arguments.settings.backend.options(arguments.settings.memory_budget);
@@ -447,7 +447,7 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     );
     if let Some(given) = report.given_triangles {
         antirad::say!(
-            "mesh        cut from {given} triangles, too coarse for shadows; files per triangle have means over those (--refine=never: as given)"
+            "mesh        cut from {given} triangles, at contacts or where too coarse; files per triangle have means over those (--refine=never: as given)"
         );
     }
     let lamps = &report.plan.lamps;

@@ -31,7 +31,7 @@ pub struct Report {
     pub sampling_error: f64,
     /// How the settings were found, for a target error.
     pub refinement: Option<Refinement>,
-    /// Number of triangles of the given mesh, if it was too coarse for shadows and cut.
+    /// Number of triangles of the given mesh, if it was cut: where others touch them, or where too coarse for shadows.
     pub given_triangles: Option<usize>,
     pub memory: MemoryUse,
     /// Report of each process that worked on the scene.

@@ -137,7 +137,8 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn 
             Size::Interrupted => return Ok(Outcome::Interrupted),
         }
     }
-    let of_here = |row: &table::Row| devices.iter().any(|(of, device)| row.backend == *of && row.device == *device);
+    let of_here =
+        |row: &table::Row| devices.iter().any(|(of, device)| row.backend == *of && row.device == *device);
     rows.retain(|row| !of_here(row) || arguments.triangles.contains(&row.size));
     let known = |&(backend, size): &(BackendKind, u32)| {
         rows.iter().any(|row| of_here(row) && row.backend == backend && row.size == size)
