@@ -395,6 +395,16 @@ fn a_target_error_in_little_memory() {
     assert!(folder.read("out/irradiance.npy") == irradiance && folder.read("out/main.exr") == picture);
 }
 
+/// A target error that no mesh keeps is told by the exit code, too.
+#[test]
+fn a_target_error_that_is_not_kept() {
+    let folder = Folder::with(&[]);
+    let run = folder.render("room.toml --target-error 1e-30");
+    assert_eq!(run.code, Some(3), "{run:?}");
+    says(&run.stdout, &["NOT KEPT"]);
+    assert_eq!(folder.json("out/report.json")["refinement"]["met"], false);
+}
+
 /// A bare mesh gets a camera, with a warning; without `--output` the results go to a folder of the scene's name.
 #[test]
 fn a_bare_mesh() {

@@ -66,6 +66,7 @@ fn skies_that_are_none_are_refused() {
     let sky = |rest: &str| format!("{PLAIN}[sky]\n{rest}\n");
     assert_refused("s.toml", &sky(""), &["s.toml:3", "`radiance = NUMBER`"]);
     assert_refused("s.toml", &sky("radiance = -1"), &["radiance", "-1"]);
+    assert_refused("s.toml", &sky("radiance = 1e308"), &["radiance", "1e308", "larger unit"]);
     assert_refused("s.toml", &sky("radiance = nan"), &["NaN"]);
     assert_refused("s.toml", &sky("image = \"no.hdr\""), &["s.toml:4", "no.hdr", "cannot be read"]);
     assert_refused("s.toml", &sky("image = \"m.obj\""), &["m.obj", "no readable picture"]);

@@ -306,6 +306,23 @@ impl LobeCache {
     }
 }
 
+/// Largest emission, radiance and irradiance: what they add up to, and its squares, must fit f32 and f64.
+const MOST_LIGHT: f64 = 1e30;
+
+/// Checks that light is a number that can be computed with.
+///
+/// # Errors
+/// Fails if a value is negative, not finite, or beyond [`MOST_LIGHT`]. The error goes on after the name of the value.
+pub(super) fn check_light(values: impl IntoIterator<Item = f64>) -> Result<(), String> {
+    match values.into_iter().find(|x| !(0.0..=MOST_LIGHT).contains(x)) {
+        Some(wrong) if wrong > MOST_LIGHT && wrong.is_finite() => Err(format!(
+            "is {wrong:e}; it must be at most {MOST_LIGHT:e}: light adds up, so state all of it in a larger unit"
+        )),
+        Some(wrong) => Err(format!("is {wrong}; it must be finite and 0 or more")),
+        None => Ok(()),
+    }
+}
+
 impl Material {
     /// The total albedo, or below [`HIGH_ALBEDO`] an upper bound of it. The error says what is wrong, and the remedy.
     fn problem(&self, emission: Emission, lobes: &mut LobeCache) -> Result<f64, String> {
@@ -325,6 +342,7 @@ impl Material {
                 return Err(format!("{what} is {value}; it must be finite and 0 or more"));
             }
         }
+        check_light(emission).map_err(|wrong| format!("emission {wrong}"))?;
         if self.power > MAX_POWER {
             return Err(format!("power is {}; it must lie in 0 to {MAX_POWER}", self.power));
         }

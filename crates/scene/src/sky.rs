@@ -10,6 +10,7 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use image::ImageFormat;
 
+use super::check::check_light;
 use super::free_name::free_name;
 use super::texture::{decode_picture, linear_from_srgb, read_picture};
 use super::{Material, Mesh, Origin, Scene, Triangle, bounds};
@@ -76,10 +77,10 @@ impl Sky {
     /// Checks the radiance of all squares.
     ///
     /// # Errors
-    /// Fails unless all radiance is finite and not negative.
+    /// Fails unless all radiance is finite, not negative, and at most 1e30 W/(m² sr).
     pub fn check(&self) -> Result<(), String> {
-        let wrong = self.radiance.iter().flatten().find(|l| !(**l >= 0.0 && l.is_finite()));
-        wrong.map_or(Ok(()), |l| Err(format!("has a radiance of {l}; it must be finite and 0 or more")))
+        check_light(self.radiance.as_flattened().iter().copied())
+            .map_err(|wrong| format!("has a radiance that {wrong}"))
     }
 
     /// The mean over the directions of each square. Light adds up, so that the smallest sun is not lost.

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use glam::DVec3;
 
 use super::Scene;
+use super::check::check_light;
 use super::sky::NAME as SKY;
 
 /// Degrees. Edges of smaller suns are lost to rounding; a larger one is rather a sky.
@@ -56,10 +57,7 @@ impl Sun {
     /// degrees. The error begins with the name of the value.
     pub fn check(&self) -> Result<(), String> {
         self.check_linear()?;
-        match self.irradiance.iter().find(|h| **h < 0.0) {
-            Some(wrong) => Err(format!("irradiance is {wrong}; it must be finite and 0 or more")),
-            None => Ok(()),
-        }
+        check_light(self.irradiance).map_err(|wrong| format!("irradiance {wrong}"))
     }
 
     /// Checks all values as [`Self::check`] does, but allows negative irradiance.

@@ -195,7 +195,8 @@ pub fn run(
         summarise(&report, &directory, verbose);
     }
     let unphysical = report.accuracy_warnings.iter().any(|warning| warning.kind == Kind::Unphysical);
-    match report.solve.converged && !unphysical {
+    let missed = report.refinement.as_ref().is_some_and(|refinement| !refinement.met);
+    match report.solve.converged && !unphysical && !missed {
         true => Ok(()),
         false => Err(Failure::Code(EXIT_UNRELIABLE)),
     }
