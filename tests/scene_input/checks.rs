@@ -26,7 +26,7 @@ fn bad_materials() {
         ("[material.white]\npower = inf", vec!["s.toml:9", "power is inf"]),
         ("[material.white]\npower = 2e5", vec!["s.toml:9", "power is 200000", "100000"]),
         ("[material.white]\nemission = -2", vec!["s.toml:9", "emission is -2"]),
-        ("[material.white]\nemission = 1e38", vec!["s.toml:9", "emission is 1e38", "1e30", "larger unit"]),
+        ("[material.white]\nemission = 1e308", vec!["s.toml:9", "emission is 1e308", "1e100", "larger unit"]),
         ("[material.white]\nalbedo = 1", vec!["s.toml:9", "\"white\"", "diffuse albedo is 1.000"]),
         (
             "[material.white]\nspecular = 0.2\npower = 50",

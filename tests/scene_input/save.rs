@@ -68,7 +68,7 @@ fn awkward_scenes() {
         albedo: [third, 0.1, 1e-300],
         specular: [0.0, third / 7.0, 0.0],
         power: 12.345678901234567,
-        emission: [1e300, 0.0, 17.0 / 9.0],
+        emission: [1e99, 0.0, 17.0 / 9.0],
         normalization,
         ..Material::named(name)
     };

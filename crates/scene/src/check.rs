@@ -306,8 +306,8 @@ impl LobeCache {
     }
 }
 
-/// Largest emission, radiance and irradiance: what they add up to, and its squares, must fit f32 and f64.
-const MOST_LIGHT: f64 = 1e30;
+/// Largest emission, radiance and irradiance: what they add up to, and its squares, must fit f64.
+const MOST_LIGHT: f64 = 1e100;
 
 /// Checks that light is a number that can be computed with.
 ///

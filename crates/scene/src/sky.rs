@@ -77,7 +77,7 @@ impl Sky {
     /// Checks the radiance of all squares.
     ///
     /// # Errors
-    /// Fails unless all radiance is finite, not negative, and at most 1e30 W/(m² sr).
+    /// Fails unless all radiance is finite, not negative, and at most 1e100 W/(m² sr).
     pub fn check(&self) -> Result<(), String> {
         check_light(self.radiance.as_flattened().iter().copied())
             .map_err(|wrong| format!("has a radiance that {wrong}"))

@@ -374,7 +374,7 @@ impl Rendered {
 fn creates_light(solved: &Result<Solution, EngineError>) -> bool {
     match solved {
         Ok(solution) => solution.info.spectral_radius.is_some_and(|radius| radius >= 1.0),
-        Err(EngineError::Solve(SolveError::Diverged { .. })) => true,
+        Err(EngineError::Solve(SolveError::Diverged { residual, .. })) => !residual.is_nan(),
         Err(EngineError::Solve(SolveError::NoConvergence { stagnated, spectral_radius, .. })) => {
             *stagnated || spectral_radius.is_some_and(|radius| radius >= 1.0)
         }

@@ -106,8 +106,8 @@ pub struct SolveInfo {
 #[non_exhaustive]
 pub enum SolveError<E, V> {
     #[error(
-        "the solve diverges: relative residual {residual:.3e} after {passes} passes. The scene creates light: \
-         look for interpenetrating triangles, stacked layers closer than a triangle's size, or an albedo near 1"
+        "the solve diverges: relative residual {residual:.3e} after {passes} passes. {}",
+        cause(*residual)
     )]
     /// The residual grows: a bounce creates more light than it absorbs.
     Diverged {
@@ -153,6 +153,15 @@ pub enum SolveError<E, V> {
     /// A pass failed.
     #[error(transparent)]
     Operator(#[from] E),
+}
+
+/// What made a solve diverge, by its last residual.
+fn cause(residual: f64) -> &'static str {
+    if residual.is_nan() {
+        "Light spans more than the precision holds, f32 some 38 decades: use --precision f64, or leave out what is so faint"
+    } else {
+        "The scene creates light: look for interpenetrating triangles, stacked layers closer than a triangle's size, or an albedo near 1"
+    }
 }
 
 /// Omits the iterate, which is large.
