@@ -312,13 +312,13 @@ const MOST_LIGHT: f64 = 1e100;
 /// Checks that light is a number that can be computed with.
 ///
 /// # Errors
-/// Fails if a value is negative, not finite, or beyond [`MOST_LIGHT`]. The error goes on after the name of the value.
+/// Fails if a value is negative, not finite, or beyond [`MOST_LIGHT`]. The error begins with the value.
 pub(super) fn check_light(values: impl IntoIterator<Item = f64>) -> Result<(), String> {
     match values.into_iter().find(|x| !(0.0..=MOST_LIGHT).contains(x)) {
         Some(wrong) if wrong > MOST_LIGHT && wrong.is_finite() => Err(format!(
-            "is {wrong:e}; it must be at most {MOST_LIGHT:e}: light adds up, so state all of it in a larger unit"
+            "{wrong:e}; it must be at most {MOST_LIGHT:e}: light adds up, so state all of it in a larger unit"
         )),
-        Some(wrong) => Err(format!("is {wrong}; it must be finite and 0 or more")),
+        Some(wrong) => Err(format!("{wrong}; it must be finite and 0 or more")),
         None => Ok(()),
     }
 }
@@ -342,7 +342,7 @@ impl Material {
                 return Err(format!("{what} is {value}; it must be finite and 0 or more"));
             }
         }
-        check_light(emission).map_err(|wrong| format!("emission {wrong}"))?;
+        check_light(emission).map_err(|wrong| format!("emission is {wrong}"))?;
         if self.power > MAX_POWER {
             return Err(format!("power is {}; it must lie in 0 to {MAX_POWER}", self.power));
         }

@@ -80,7 +80,7 @@ impl Sky {
     /// Fails unless all radiance is finite, not negative, and at most 1e100 W/(m² sr).
     pub fn check(&self) -> Result<(), String> {
         check_light(self.radiance.as_flattened().iter().copied())
-            .map_err(|wrong| format!("has a radiance that {wrong}"))
+            .map_err(|wrong| format!("has a radiance of {wrong}"))
     }
 
     /// The mean over the directions of each square. Light adds up, so that the smallest sun is not lost.

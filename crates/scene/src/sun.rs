@@ -57,7 +57,7 @@ impl Sun {
     /// degrees. The error begins with the name of the value.
     pub fn check(&self) -> Result<(), String> {
         self.check_linear()?;
-        check_light(self.irradiance).map_err(|wrong| format!("irradiance {wrong}"))
+        check_light(self.irradiance).map_err(|wrong| format!("irradiance is {wrong}"))
     }
 
     /// Checks all values as [`Self::check`] does, but allows negative irradiance.
