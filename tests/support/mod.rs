@@ -54,9 +54,7 @@ pub fn same(backend: impl Into<Backend>, found: &[f64], expected: &[f64]) -> boo
 
 /// Whether numbers are the same but for rounding of single precision.
 pub fn same_to_rounding(found: &[f64], expected: &[f64]) -> bool {
-    let difference: f64 = found.iter().zip(expected).map(|(a, b)| (a - b).powi(2)).sum();
-    let square: f64 = expected.iter().map(|x| x * x).sum();
-    found.len() == expected.len() && difference <= 1e-12 * square
+    slots::relative(found, expected) <= 1e-6
 }
 
 /// The operators of a backend for a planned scene, whose triangles emit what their materials do.

@@ -335,7 +335,6 @@ impl Material {
             ("albedo", self.albedo.to_vec()),
             ("specular", self.specular.to_vec()),
             ("power", vec![self.power]),
-            ("emission", emission.to_vec()),
         ];
         for (what, values) in numbers {
             if let Some(value) = values.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {

@@ -3,9 +3,10 @@
 //! Light is even over a triangle. What a box covers of a triangle of the floor receives none, and would darken the rest of it: at the
 //! foot of the box, by as much as it covers.
 
-use super::rays::Rays;
+use super::adjacency::Edge;
+use super::rays::{Rays, boxed};
 use super::refine::Part;
-use super::{Scene, Welded, bounds, sides};
+use super::{Edges, Scene, Welded, bounds, sides};
 use glam::{DVec2, DVec3};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -19,8 +20,6 @@ use std::time::Duration;
 
 /// Lengths below this share of the scene's diagonal are rounding.
 const TOLERANCE: f64 = 1e-6;
-/// Boxes of triangles are grown by this share of it: the tree is in f32.
-const ROUNDING: f64 = 2e-6;
 /// Lines shorter than this share of the root of a triangle's area, all together, enclose less than a thousandth of it.
 const SHORT: f64 = 0.1;
 /// Triangles the root of whose area is below this share of the diagonal stay whole: what is covered of them shows nowhere, and cuts of a
@@ -277,12 +276,6 @@ impl<'a> Contacts<'a> {
     }
 }
 
-/// The box of a triangle, grown by rounding, in the units of a tree.
-fn boxed(corners: [DVec3; 3], (centre, scale): (DVec3, f64)) -> Aabb {
-    let (low, high) = bounds(corners.map(|corner| (corner - centre) * scale));
-    Aabb::new((low - ROUNDING).as_vec3a(), (high + ROUNDING).as_vec3a())
-}
-
 fn barycentric([a, b, c]: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
     let twice = (b - a).cross(c - a).dot(normal);
     let of = |p: DVec3, q: DVec3| (p - point).cross(q - point).dot(normal) / twice;
@@ -294,15 +287,14 @@ fn barycentric([a, b, c]: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
 fn flat_sides(scene: &Scene, normals: &[DVec3]) -> Vec<[bool; 3]> {
     let welded = Welded::exactly(scene.vertices.iter().copied());
     let faces: Vec<[u32; 3]> = scene.triangles.iter().map(|t| welded.positions(t.vertices)).collect();
-    let mut around: HashMap<[u32; 2], Vec<u32>> = HashMap::new();
-    for (t, &face) in (0..).zip(&faces) {
-        sides(face).into_iter().for_each(|[a, b]| around.entry([a.min(b), a.max(b)]).or_default().push(t));
+    let mut flat = vec![[false; 3]; faces.len()];
+    let in_plane = |[one, other]: [u32; 2]| normals[one as usize].dot(normals[other as usize]) >= FLAT;
+    let edges = Edges::of(faces.iter().copied());
+    for (t, ends) in edges.iter().filter(|edge| edge.pair().is_some_and(in_plane)).flat_map(Edge::directed) {
+        let sides = sides(faces[t as usize]);
+        flat[t as usize].iter_mut().zip(sides).for_each(|(flat, side)| *flat |= side == ends);
     }
-    let flat = |[a, b]: [u32; 2]| match around[&[a.min(b), a.max(b)]][..] {
-        [one, other] => normals[one as usize].dot(normals[other as usize]) >= FLAT,
-        _ => false,
-    };
-    faces.iter().map(|&[a, b, c]| [[a, b], [b, c], [c, a]].map(flat)).collect()
+    flat
 }
 
 /// Triangulates a triangle along lines within it, all in barycentric coordinates. `None` where rounding prevents that.
@@ -339,7 +331,7 @@ fn triangulated(corners: [DVec3; 3], lines: &[[DVec3; 2]], tolerance: f64) -> Op
         let longest = p.distance(q).max(q.distance(r)).max(r.distance(p));
         area += twice;
         if twice > 1e-6 * longest * longest {
-            parts.push(corners.map(|p| exact(flat, twice_area, p)));
+            parts.push(corners.map(|p| exact(flat, p)));
         }
     }
     ((area / twice_area - 1.0).abs() <= 1e-6).then_some(parts)
@@ -393,13 +385,11 @@ impl Places {
 }
 
 /// The barycentric coordinates of a place, exactly those of a corner that it is.
-fn exact(flat: [DVec2; 3], twice_area: f64, place: DVec2) -> DVec3 {
-    if let Some(k) = (0..3).find(|&k| flat[k] == place) {
-        return DVec3::AXES[k];
+fn exact(flat: [DVec2; 3], place: DVec2) -> DVec3 {
+    match (0..3).find(|&k| flat[k] == place) {
+        Some(k) => DVec3::AXES[k],
+        None => barycentric(flat.map(|p| p.extend(0.0)), DVec3::Z, place.extend(0.0)),
     }
-    let of = |p: DVec2, q: DVec2| (p - place).perp_dot(q - place) / twice_area;
-    let (x, y) = (of(flat[1], flat[2]), of(flat[2], flat[0]));
-    DVec3::new(x, y, 1.0 - x - y)
 }
 
 #[cfg(test)]

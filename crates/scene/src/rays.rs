@@ -28,6 +28,12 @@ struct Hit {
     front: bool,
 }
 
+/// The box of a triangle, grown by rounding, in a frame about such a centre with such a scale, in which the scene is within the unit ball.
+pub(super) fn boxed(corners: [DVec3; 3], (centre, scale): (DVec3, f64)) -> Aabb {
+    let (low, high) = bounds(corners.map(|corner| (corner - centre) * scale));
+    Aabb::new((low - ROUNDING).as_vec3a(), (high + ROUNDING).as_vec3a())
+}
+
 /// A bounding volume hierarchy of the triangles of a scene, except those without area.
 pub struct Rays {
     /// In a frame in which the scene is within the unit ball.
@@ -55,13 +61,7 @@ impl Rays {
         let (low, high) = bounds(solid.iter().flat_map(|&i| corners[i as usize]));
         let size = if solid.is_empty() { 1.0 } else { (high - low).length().max(f64::MIN_POSITIVE) };
         let (centre, scale) = (0.5 * (low + high), 2.0 / size);
-        let boxes: Vec<Aabb> = solid
-            .iter()
-            .map(|&i| {
-                let (low, high) = bounds(corners[i as usize].map(|x| (x - centre) * scale));
-                Aabb::new((low - ROUNDING).as_vec3a(), (high + ROUNDING).as_vec3a())
-            })
-            .collect();
+        let boxes: Vec<Aabb> = solid.iter().map(|&i| boxed(corners[i as usize], (centre, scale))).collect();
         let bvh = match boxes.is_empty() {
             true => CwBvh::default(),
             false => build_cwbvh(&boxes, BvhBuildParams::fast_build(), &mut Duration::default()),

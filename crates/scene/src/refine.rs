@@ -36,7 +36,7 @@ impl Scene {
     /// triangle.
     pub(super) fn replace(&mut self, parts: &[Option<Vec<Part>>]) -> Vec<u32> {
         let old = std::mem::take(&mut self.triangles);
-        let (mut parents, mut patterns) = (Vec::new(), Vec::new());
+        let mut parents = Vec::new();
         let mut meshes = self.meshes.iter_mut().zip((0..).map(|k| self.origins.get(k).cloned()));
         let mut origins = Vec::new();
         for (mesh, origin) in &mut meshes {
@@ -50,7 +50,6 @@ impl Scene {
                 for part in parts[t as usize].as_deref().unwrap_or(&whole) {
                     self.triangles.push(super::Triangle { vertices: part.vertices, ..triangle });
                     parents.push(t);
-                    patterns.push((t, part.corners));
                     lines.extend(line);
                 }
             }
@@ -59,7 +58,12 @@ impl Scene {
         }
         self.origins = origins;
         if !self.patterns.is_empty() {
-            Arc::make_mut(&mut self.patterns).rearrange(patterns.into_iter());
+            // In the order of triangles, as meshes are.
+            let corners = |t: u32| match &parts[t as usize] {
+                Some(parts) => parts.iter().map(|part| (t, part.corners)).collect(),
+                None => vec![(t, DVec3::AXES)],
+            };
+            Arc::make_mut(&mut self.patterns).rearrange((0..old.len() as u32).flat_map(corners));
         }
         self.update_degenerate();
         parents
