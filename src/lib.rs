@@ -141,7 +141,7 @@ pub mod image {
 pub mod fit {
     #[doc(inline)]
     pub use antirad_fit::{
-        CHECKPOINT_FILES, CheckpointError, CostEstimate, EngineRenderer, Evaluation, Fit, FitError,
+        CHECKPOINT_FILES, CheckpointError, CostEstimate, EngineRenderer, Evaluation, Exposure, Fit, FitError,
         FitProgress, FolderLock, Job, JobFile, Judged, LockError, Loss, LossKind, MotionKind, OnCheckpoint,
         OptimiserKind, Outcome, OwnSquares, ParameterError, Parameters, Per, PictureLoss, Problem, Record,
         Recovered, Regulariser, Regularisers, RenderError, Renderer, RunOptions, Settings, State, Status,

@@ -9,12 +9,12 @@ use std::path::Path;
 /// Draws into `directory`, beside what [`results::write`] leaves there; each file appears whole or not at all.
 ///
 /// - `loss.svg`, `loss.png`: the loss over the iterations.
-/// - `VIEW.png`: target, fitted picture and error side by side.
+/// - `VIEW.png`: target, fitted picture in its exposure, and error side by side.
 pub fn draw_fit(directory: &Path, job: &Job, outcome: &Outcome) -> Result<(), FitError> {
     plot(directory, job, &outcome.history)?;
-    let views = job.problem().targets.iter().zip(&outcome.pictures);
+    let views = job.problem().targets.iter().zip(outcome.exposed());
     for ((target, fitted), name) in views.zip(results::view_names(job)) {
-        comparison::write(&directory.join(format!("{name}.png")), target, fitted)?;
+        comparison::write(&directory.join(format!("{name}.png")), target, &fitted)?;
     }
     Ok(())
 }

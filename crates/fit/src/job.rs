@@ -287,12 +287,22 @@ pub struct Outcome {
     pub recovered: Vec<Recovered>,
     /// Final pictures per view, linear RGB, row by row from the top, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
+    /// Factors from radiance to the numbers of each target, per channel; 1 where exposures are known.
+    pub gains: Vec<DVec3>,
     /// Final loss including regularisers.
     pub loss: f64,
     /// Final loss per view, before weights.
     pub views: Vec<f64>,
     /// Final value per regulariser, with its weight.
     pub assumptions: Vec<f64>,
+}
+
+impl Outcome {
+    /// Final pictures per view in the unit of their targets: times the gains.
+    pub fn exposed(&self) -> Vec<Vec<DVec3>> {
+        let views = self.pictures.iter().zip(&self.gains);
+        views.map(|(picture, gain)| picture.iter().map(|radiance| gain * radiance).collect()).collect()
+    }
 }
 
 /// A validated fit, ready to run.
@@ -334,8 +344,11 @@ impl Job {
         let regularisers = Regularisers::new(&settings.regularisers, &parameters)
             .map_err(|(index, message)| FitError::Regulariser { index, message })?;
         let mut loss = Loss::new(settings.loss, &targets);
-        if let Some(epsilon) = settings.epsilon {
-            loss.epsilon = epsilon;
+        loss.epsilon = settings.epsilon.unwrap_or(loss.epsilon);
+        loss.threshold = settings.threshold.unwrap_or(loss.threshold);
+        let is_smooth = !matches!(settings.loss, LossKind::L1 | LossKind::LogL1);
+        if !is_smooth && targets.iter().any(|target| target.exposure.is_fitted()) {
+            return refuse("an exposure is fitted by a smooth loss; use huber, relative-l2 or l2");
         }
         let problem = Problem { parameters, targets, loss: Box::new(loss), regularisers };
         let job = Self { name: name.into(), problem, settings, identity };
@@ -348,7 +361,7 @@ impl Job {
     }
 
     /// Replaces the loss of the settings. Checkpoints do not record it: resume with the same one.
-    pub fn set_loss(&mut self, loss: Box<dyn PictureLoss + Send>) {
+    pub fn set_loss(&mut self, loss: Box<dyn PictureLoss + Send + Sync>) {
         self.problem.loss = loss;
     }
 
@@ -363,8 +376,8 @@ impl Job {
     }
 
     fn is_quadratic(&self) -> bool {
-        let mut views = self.problem.targets.iter().enumerate();
-        let quadratic = views.all(|(view, target)| self.problem.loss.curvature(view, target).is_some());
+        let is_plain = |target: &Target| target.clip.is_none() && !target.exposure.is_fitted();
+        let quadratic = self.problem.loss.is_quadratic() && self.problem.targets.iter().all(is_plain);
         self.problem.parameters.is_linear() && quadratic
     }
 
@@ -527,6 +540,7 @@ impl Job {
             history: progress.history,
             scene: judged.scene,
             pictures: judged.pictures,
+            gains: judged.gains,
             loss: judged.value,
             views: judged.views,
             assumptions: judged.assumptions,
@@ -627,7 +641,17 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
     for (number, target) in targets.iter().enumerate() {
         let what = format!("target {} (camera \"{}\")", number + 1, target.camera.name);
         let pixels: Vec<[f64; 3]> = target.pixels.iter().map(|p| p.to_array()).collect();
-        identity.add(what, &(format!("{:?}", target.camera), pixels, &target.mask, target.weight))?;
+        identity.add(
+            what,
+            &(
+                format!("{:?}", target.camera),
+                pixels,
+                &target.mask,
+                target.weight,
+                target.clip,
+                target.exposure,
+            ),
+        )?;
     }
     Ok(identity)
 }

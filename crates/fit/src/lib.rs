@@ -8,6 +8,7 @@
 
 mod checkpoint;
 mod engine_renderer;
+mod exposure;
 mod job;
 mod job_file;
 mod limit;
@@ -29,6 +30,7 @@ mod trail;
 pub use antirad_render::render::{CameraGradient, Quantity, SceneGradient};
 pub use checkpoint::{CHECKPOINT_FILES, CheckpointError};
 pub use engine_renderer::EngineRenderer;
+pub use exposure::Exposure;
 pub use job::{FitError, FitProgress, Job, OnCheckpoint, Outcome, Record, RunOptions, Stop};
 pub use job_file::JobFile;
 pub use lock::{FolderLock, LockError};

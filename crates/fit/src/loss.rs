@@ -2,16 +2,25 @@
 
 use super::Target;
 use glam::DVec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// A loss between pictures. Implement it for a custom loss.
 pub trait PictureLoss {
-    /// The loss of a view, and its derivative by every pixel. `picture` and [`Target::pixels`]: row by row from the top.
+    /// The loss of a view, and its derivative by every pixel. `picture` and [`Target::pixels`]: row by row from the top, in the
+    /// unit of the target.
     fn evaluate(&self, view: usize, picture: &[DVec3], target: &Target) -> (f64, Vec<DVec3>);
 
-    /// The second derivative by every pixel if the loss is quadratic, as bounded least squares requires.
-    fn curvature(&self, _view: usize, _target: &Target) -> Option<Vec<DVec3>> {
+    /// Second derivatives by every pixel at `picture`, or of a parabola that touches the loss there and lies above it; `None` if the
+    /// loss is not smooth.
+    fn curvature(&self, _view: usize, _picture: &[DVec3], _target: &Target) -> Option<Vec<DVec3>> {
         None
+    }
+
+    /// Whether the loss is quadratic, so that [`Self::curvature`] is the same for all pictures, as bounded least squares
+    /// requires.
+    fn is_quadratic(&self) -> bool {
+        false
     }
 }
 
@@ -29,22 +38,37 @@ pub enum LossKind {
     /// |s(v) - s(t)| with s(v) = sign(v) ln(1 + |v|/ε): compares ratios, is robust against outliers, and admits slightly
     /// negative v, which antiradiance can cause. Its derivative is discontinuous at v = t and taken as 0 there.
     LogL1,
+    /// u² for |u| up to a threshold k, and k (2 |u| - k) beyond, with u = d / √(m² + ε²) and m the mean of the target over 5 x 5
+    /// pixels: relative like [`Self::RelativeL2`], but outliers count by their size alone, and noise of the target does not
+    /// decide what it counts (Huber 1964). The loss for photos.
+    Huber,
 }
 
-/// A built-in loss: the mean over channels and pixels, weighted by the mask.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// A built-in loss: the mean over channels and pixels, weighted by the mask. Where a target's value is only a lower bound
+/// ([`Target::clip`]), what is brighter costs nothing.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Loss {
     /// Loss per channel of a pixel.
     pub kind: LossKind,
-    /// Radiance below which relative losses stop being relative, W/(m² sr).
+    /// Value below which relative losses stop being relative, in the unit of the targets.
     pub epsilon: f64,
+    /// Of the Huber loss: relative difference from which on pixels count as outliers.
+    pub threshold: f64,
+    /// Of the Huber loss: local means of each target.
+    means: Vec<Vec<DVec3>>,
 }
 
 /// Default ε as a fraction of the mean target.
 const EPSILON: f64 = 0.01;
+/// That of the Huber loss: where photos are dark, noise and rounding to 8 bits are large.
+const EPSILON_OF_HUBER: f64 = 0.1;
+/// Default threshold of the Huber loss.
+const THRESHOLD: f64 = 0.1;
+/// Pixels to either side of a local mean.
+const REACH: usize = 2;
 
 impl Loss {
-    /// The loss with the default ε for the targets: a hundredth of their mean.
+    /// The loss with the default ε for the targets: a hundredth of their mean, a tenth for the Huber loss.
     pub fn new(kind: LossKind, targets: &[Target]) -> Self {
         let (mut sum, mut weight) = (0.0, 0.0);
         for target in targets {
@@ -54,11 +78,16 @@ impl Loss {
             }
         }
         let mean = sum / weight;
-        Self { kind, epsilon: if mean > 0.0 { EPSILON * mean } else { EPSILON } }
+        let (fraction, means) = match kind {
+            LossKind::Huber => (EPSILON_OF_HUBER, targets.par_iter().map(local_means).collect()),
+            _ => (EPSILON, Vec::new()),
+        };
+        let epsilon = if mean > 0.0 { fraction * mean } else { fraction };
+        Self { kind, epsilon, threshold: THRESHOLD, means }
     }
 
-    /// Value and derivative for one channel of one pixel.
-    pub fn channel(&self, value: f64, target: f64) -> (f64, f64) {
+    /// Value and derivative for one channel of one pixel. `mean`: the target around it.
+    fn channel(&self, value: f64, target: f64, mean: f64) -> (f64, f64) {
         let d = value - target;
         let sign = if d == 0.0 { 0.0 } else { d.signum() };
         match self.kind {
@@ -72,12 +101,60 @@ impl Loss {
                 let log = |v: f64| (v.abs() / self.epsilon).ln_1p().copysign(v);
                 ((log(value) - log(target)).abs(), sign / (self.epsilon + value.abs()))
             }
+            LossKind::Huber => {
+                let scale = mean.hypot(self.epsilon);
+                let (u, k) = (d / scale, self.threshold);
+                match u.abs() <= k {
+                    true => (u * u, 2.0 * u / scale),
+                    false => (k * (2.0 * u.abs() - k), 2.0 * k * sign / scale),
+                }
+            }
         }
+    }
+
+    /// The curvature for one channel of one pixel: for the Huber loss that of the parabola above it.
+    fn channel_curvature(&self, value: f64, target: f64, mean: f64) -> Option<f64> {
+        match self.kind {
+            LossKind::L2 => Some(2.0),
+            LossKind::RelativeL2 => Some(2.0 / (target * target + self.epsilon * self.epsilon)),
+            LossKind::L1 | LossKind::LogL1 => None,
+            LossKind::Huber => {
+                let scale = mean.hypot(self.epsilon);
+                let u = ((value - target) / scale).abs();
+                Some(2.0 * (self.threshold / u).min(1.0) / (scale * scale))
+            }
+        }
+    }
+
+    fn mean(&self, view: usize, pixel: usize, target: &Target) -> DVec3 {
+        let means = self.means.get(view).filter(|means| means.len() == target.pixels.len());
+        means.map_or(target.pixels[pixel], |means| means[pixel])
     }
 }
 
+/// Means of a target over squares of pixels, of those that count.
+fn local_means(target: &Target) -> Vec<DVec3> {
+    let (width, height) = (target.camera.width as usize, target.camera.height as usize);
+    let around = |at: usize, end: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(end);
+    let mean = |at: usize| {
+        let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
+        for row in around(at / width, height) {
+            for column in around(at % width, width) {
+                let near = row * width + column;
+                let counts = target.mask_at(near);
+                if counts > 0.0 {
+                    sum += counts * target.pixels[near];
+                    weight += counts;
+                }
+            }
+        }
+        if weight > 0.0 { sum / weight } else { DVec3::ZERO }
+    };
+    (0..width * height).map(mean).collect()
+}
+
 impl PictureLoss for Loss {
-    fn evaluate(&self, _view: usize, picture: &[DVec3], target: &Target) -> (f64, Vec<DVec3>) {
+    fn evaluate(&self, view: usize, picture: &[DVec3], target: &Target) -> (f64, Vec<DVec3>) {
         let norm = 1.0 / (3.0 * target.mask_sum());
         let mut sum = 0.0;
         let gradient = picture
@@ -90,7 +167,11 @@ impl PictureLoss for Loss {
                 if weight == 0.0 {
                     return DVec3::ZERO;
                 }
-                let channels = [0, 1, 2].map(|c| self.channel(value[c], expected[c]));
+                let mean = self.mean(view, at, target);
+                let channels = [0, 1, 2].map(|c| match target.keeps_bound(value[c], expected[c]) {
+                    true => (0.0, 0.0),
+                    false => self.channel(value[c], expected[c], mean[c]),
+                });
                 sum += weight * channels.iter().map(|(value, _)| value).sum::<f64>();
                 weight * DVec3::from(channels.map(|(_, derivative)| derivative))
             })
@@ -98,21 +179,27 @@ impl PictureLoss for Loss {
         (sum, gradient)
     }
 
-    fn curvature(&self, _view: usize, target: &Target) -> Option<Vec<DVec3>> {
-        let norm = 2.0 / (3.0 * target.mask_sum());
-        let of = |t: f64| match self.kind {
-            LossKind::L2 => Some(1.0),
-            LossKind::RelativeL2 => Some(1.0 / (t * t + self.epsilon * self.epsilon)),
-            LossKind::L1 | LossKind::LogL1 => None,
-        };
-        let pixel = |(at, t): (usize, &DVec3)| {
+    fn curvature(&self, view: usize, picture: &[DVec3], target: &Target) -> Option<Vec<DVec3>> {
+        let norm = 1.0 / (3.0 * target.mask_sum());
+        let pixel = |(at, (value, expected)): (usize, (&DVec3, &DVec3))| {
             let weight = norm * target.mask_at(at);
             if weight == 0.0 {
                 return Some(DVec3::ZERO);
             }
-            Some(weight * DVec3::new(of(t.x)?, of(t.y)?, of(t.z)?))
+            let mean = self.mean(view, at, target);
+            let mut curvature = DVec3::ZERO;
+            for c in 0..3 {
+                if !target.keeps_bound(value[c], expected[c]) {
+                    curvature[c] = weight * self.channel_curvature(value[c], expected[c], mean[c])?;
+                }
+            }
+            Some(curvature)
         };
-        target.pixels.iter().enumerate().map(pixel).collect()
+        picture.iter().zip(&target.pixels).enumerate().map(pixel).collect()
+    }
+
+    fn is_quadratic(&self) -> bool {
+        matches!(self.kind, LossKind::L2 | LossKind::RelativeL2)
     }
 }
 
@@ -131,7 +218,8 @@ mod tests {
         (0..n).map(|i| DVec3::new(a + i as f64, 2.0 * a, a * i as f64).map(|v| 1.1 + v.sin())).collect()
     }
 
-    const KINDS: [LossKind; 4] = [LossKind::L1, LossKind::L2, LossKind::RelativeL2, LossKind::LogL1];
+    const KINDS: [LossKind; 5] =
+        [LossKind::L1, LossKind::L2, LossKind::RelativeL2, LossKind::LogL1, LossKind::Huber];
 
     #[test]
     fn gradients_are_those_of_finite_differences() {
@@ -182,7 +270,7 @@ mod tests {
         let mut pixels = vec![DVec3::ZERO; 3];
         pixels[2] = DVec3::NAN;
         let masked = target(pixels, Some(vec![1.0, 0.5, 0.0]));
-        let loss = Loss { kind: LossKind::L2, epsilon: 1.0 };
+        let loss = Loss::new(LossKind::L2, std::slice::from_ref(&masked));
         let picture = [DVec3::ONE, DVec3::splat(2.0), DVec3::splat(9.0)];
         let (value, gradient) = loss.evaluate(0, &picture, &masked);
         assert_eq!(value, (1.0 + 0.5 * 4.0) / 1.5);
@@ -195,15 +283,59 @@ mod tests {
         let target = target(wave(6, 0.3), Some(vec![1.0, 0.2, 1.0, 0.0, 1.0, 1.0]));
         for kind in KINDS {
             let loss = Loss::new(kind, std::slice::from_ref(&target));
-            let Some(curvature) = loss.curvature(0, &target) else {
+            let (a, b) = (wave(6, 0.1), wave(6, 1.9));
+            let Some(curvature) = loss.curvature(0, &a, &target) else {
                 assert!(matches!(kind, LossKind::L1 | LossKind::LogL1));
                 continue;
             };
-            let (a, b) = (wave(6, 0.1), wave(6, 1.9));
-            let (ga, gb) = (loss.evaluate(0, &a, &target).1, loss.evaluate(0, &b, &target).1);
-            for i in 0..6 {
-                assert!((gb[i] - ga[i] - curvature[i] * (b[i] - a[i])).abs().max_element() < 1e-12);
+            let ((at_a, ga), (at_b, gb)) = (loss.evaluate(0, &a, &target), loss.evaluate(0, &b, &target));
+            if loss.is_quadratic() {
+                for i in 0..6 {
+                    assert!((gb[i] - ga[i] - curvature[i] * (b[i] - a[i])).abs().max_element() < 1e-12);
+                }
+            } else {
+                // The parabola lies above the loss.
+                let along = |i: usize| {
+                    let way = b[i] - a[i];
+                    ga[i].dot(way) + 0.5 * (curvature[i] * way).dot(way)
+                };
+                let parabola: f64 = at_a + (0..6).map(along).sum::<f64>();
+                assert!(at_b <= parabola, "{at_b} {parabola}");
             }
+        }
+    }
+
+    /// Noise of a target and outliers move the minimum of the Huber loss less than that of the relative one.
+    #[test]
+    fn outliers_and_noise_hardly_move_the_huber_loss() {
+        let noise = |i: usize| 0.3 * (1.7 * i as f64).sin();
+        let pixels: Vec<DVec3> =
+            (0..400).map(|i| DVec3::splat(if i % 40 == 0 { 30.0 } else { 1.0 + noise(i) })).collect();
+        let mut camera = Camera::framing(&[]);
+        (camera.width, camera.height) = (20, 20);
+        let target = Target::new(camera, pixels, None, 1.0).expect("a target");
+        let best = |kind| {
+            let mut loss = Loss::new(kind, std::slice::from_ref(&target));
+            loss.epsilon = 0.01;
+            let at = |v: f64| loss.evaluate(0, &vec![DVec3::splat(v); 400], &target).0;
+            (0..300)
+                .map(|k| 0.5 + 0.005 * f64::from(k))
+                .min_by(|a, b| at(*a).total_cmp(&at(*b)))
+                .unwrap_or(0.0)
+        };
+        assert!((best(LossKind::Huber) - 1.0).abs() <= 0.03, "{}", best(LossKind::Huber));
+        assert!((best(LossKind::RelativeL2) - 1.0).abs() > 0.05, "{}", best(LossKind::RelativeL2));
+    }
+
+    #[test]
+    fn what_is_brighter_than_a_lower_bound_costs_nothing() {
+        let bound = target(vec![DVec3::new(1.0, 0.5, 1.0)], None).clipped_from(0.99);
+        for kind in KINDS {
+            let loss = Loss::new(kind, std::slice::from_ref(&bound));
+            let (value, gradient) = loss.evaluate(0, &[DVec3::new(7.0, 0.5, 1.0)], &bound);
+            assert_eq!((value, gradient[0]), (0.0, DVec3::ZERO), "{kind:?}");
+            let (value, gradient) = loss.evaluate(0, &[DVec3::new(0.3, 0.5, 1.0)], &bound);
+            assert!(value > 0.0 && gradient[0].x < 0.0 && gradient[0].y == 0.0, "{kind:?}");
         }
     }
 }

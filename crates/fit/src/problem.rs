@@ -1,5 +1,6 @@
 //! The objective: loss and gradient as functions of the unknowns.
 
+use super::exposure;
 use super::loss::PictureLoss;
 use super::parameters::Parameters;
 use super::regulariser::Regularisers;
@@ -8,6 +9,7 @@ use super::target::Target;
 use antirad_render::render::SceneGradient;
 use antirad_scene::Scene;
 use glam::DVec3;
+use std::borrow::Cow;
 
 /// The objective: the weighted mean of the losses of all views, plus the regularisers.
 pub struct Problem {
@@ -16,7 +18,7 @@ pub struct Problem {
     /// One target per view.
     pub targets: Vec<Target>,
     /// Loss of a picture against its target.
-    pub loss: Box<dyn PictureLoss + Send>,
+    pub loss: Box<dyn PictureLoss + Send + Sync>,
     /// The regularisers.
     pub regularisers: Regularisers,
 }
@@ -39,8 +41,10 @@ pub struct Evaluation {
 pub struct Judged {
     /// The scene at that point.
     pub scene: Scene,
-    /// Pictures, per view.
+    /// Pictures, per view, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
+    /// Factors from radiance to the numbers of each target, per channel.
+    pub gains: Vec<DVec3>,
     /// Loss including regularisers.
     pub value: f64,
     /// Loss per view, before weights.
@@ -62,16 +66,23 @@ impl Problem {
         self.targets.iter().map(|t| t.weight / sum).collect()
     }
 
-    /// Loss of the pictures per view and in total, and derivatives by pixels.
-    fn compare(&self, pictures: &[Vec<DVec3>]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
+    /// Gains of each view, see [`exposure`]; 1 where the loss is not smooth, which [`Job::new`](super::Job::new) refuses.
+    fn gains(&self, pictures: &[Vec<DVec3>]) -> Vec<DVec3> {
+        let gains = exposure::gains(&self.targets, pictures, &*self.loss);
+        gains.unwrap_or_else(|| vec![DVec3::ONE; pictures.len()])
+    }
+
+    /// Loss of the pictures per view and in total, and derivatives by pixels, with the gains of each view.
+    fn compare(&self, pictures: &[Vec<DVec3>], gains: &[DVec3]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
         let mut views = Vec::with_capacity(pictures.len());
         let mut by_pixels = Vec::with_capacity(pictures.len());
         let mut sum = 0.0;
+        let exposed = exposed(pictures, gains);
         for (view, ((picture, target), weight)) in
-            pictures.iter().zip(&self.targets).zip(self.weights()).enumerate()
+            exposed.iter().zip(&self.targets).zip(self.weights()).enumerate()
         {
             let (value, mut gradient) = self.loss.evaluate(view, picture, target);
-            gradient.iter_mut().for_each(|g| *g *= weight);
+            gradient.iter_mut().for_each(|g| *g *= weight * gains[view]);
             sum += weight * value;
             views.push(value);
             by_pixels.push(gradient);
@@ -98,7 +109,7 @@ impl Problem {
             }
             Err(error) => return Err(error),
         };
-        let (views, loss, by_pixels) = self.compare(&pictures);
+        let (views, loss, by_pixels) = self.compare(&pictures, &self.gains(&pictures));
         let request = self.parameters.gradient_request();
         let (mut by_scene, mut gradient) = match renderer.pull_back(&by_pixels, request)? {
             Some(by_scene) => (by_scene, vec![0.0; x.len()]),
@@ -122,11 +133,12 @@ impl Problem {
     pub fn judge(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Judged, RenderError> {
         let scene = self.parameters.scene(x);
         let pictures = renderer.pictures(&scene)?;
-        let (views, loss, _) = self.compare(&pictures);
+        let gains = self.gains(&pictures);
+        let (views, loss, _) = self.compare(&pictures, &gains);
         let (mut nowhere, mut direct) = (SceneGradient::default(), vec![0.0; x.len()]);
         let assumptions = self.regularisers.evaluate(&self.parameters, &scene, x, &mut nowhere, &mut direct);
         let value = loss + assumptions.iter().sum::<f64>();
-        Ok(Judged { scene, pictures, value, views, assumptions })
+        Ok(Judged { scene, pictures, gains, value, views, assumptions })
     }
 
     /// The gradient of the pictures' loss by central differences: two renderings per unknown.
@@ -166,7 +178,7 @@ impl Problem {
         for (view, ((picture, target), weight)) in
             by_pixels.iter_mut().zip(&self.targets).zip(self.weights()).enumerate()
         {
-            let curvature = self.loss.curvature(view, target);
+            let curvature = self.loss.curvature(view, picture, target).filter(|_| self.loss.is_quadratic());
             let curvature =
                 curvature.ok_or_else(|| refuse("this loss is not quadratic; use another optimiser"))?;
             picture.iter_mut().zip(curvature).for_each(|(v, c)| *v *= weight * c);
@@ -211,16 +223,20 @@ impl Problem {
         x: &[f64],
         renderer: &mut dyn Renderer,
     ) -> Result<Option<Vec<f64>>, RenderError> {
-        let Some(weights) = self.curvatures() else { return Ok(None) };
-        renderer.pictures(&self.parameters.scene(x))?;
+        let pictures = renderer.pictures(&self.parameters.scene(x))?;
+        let gains = self.gains(&pictures);
+        let Some(mut weights) = self.curvatures(&exposed(&pictures, &gains)) else { return Ok(None) };
+        for (weights, gain) in weights.iter_mut().zip(gains) {
+            weights.iter_mut().for_each(|weight| *weight *= gain * gain);
+        }
         Ok(renderer.own_squares(&weights).and_then(|squares| self.parameters.own_squares(&squares)))
     }
 
-    /// Second derivatives of the loss by pixels, per view; `None` if it is not quadratic.
-    fn curvatures(&self) -> Option<Vec<Vec<DVec3>>> {
+    /// Curvatures of the loss by the pixels of exposed pictures, per view; `None` if it is not smooth.
+    fn curvatures(&self, exposed: &[Vec<DVec3>]) -> Option<Vec<Vec<DVec3>>> {
         let views = self.targets.iter().zip(self.weights()).enumerate();
         let weighted = |(view, (target, weight)): (usize, (&Target, f64))| {
-            let curvature = self.loss.curvature(view, target)?;
+            let curvature = self.loss.curvature(view, &exposed[view], target)?;
             Some(curvature.into_iter().map(|c| weight * c).collect())
         };
         views.map(weighted).collect()
@@ -244,7 +260,6 @@ impl Problem {
         renderer: &mut dyn Renderer,
     ) -> Result<Option<Vec<f64>>, RenderError> {
         let n = x.len();
-        let Some(weights) = self.curvatures() else { return Ok(None) };
         let bounds = self.parameters.bounds();
         // Into the room that there is; an unknown without room is fixed.
         let step = |i: usize| match () {
@@ -253,14 +268,20 @@ impl Problem {
             () => 0.0,
         };
         let per_unknown = |change: f64, i: usize| if step(i) == 0.0 { 0.0 } else { change / step(i) };
-        let here = renderer.pictures(&self.parameters.scene(x))?;
+        // Gains are found again for each column, whose part in them is thereby projected out.
+        let expose = |pictures: Vec<Vec<DVec3>>| {
+            let gains = self.gains(&pictures);
+            exposed(&pictures, &gains).into_owned()
+        };
+        let here = expose(renderer.pictures(&self.parameters.scene(x))?);
+        let Some(weights) = self.curvatures(&here) else { return Ok(None) };
         let mut columns: Vec<Vec<Vec<DVec3>>> = vec![Vec::new(); n];
         for column in self.parameters.columns() {
             let mut moved = x.to_vec();
             column.iter().for_each(|&(i, _)| moved[i] += step(i));
             let there = match renderer.pictures_near(&self.parameters.scene(&moved)) {
                 Err(RenderError::NoAnswer(_)) => return Ok(None),
-                pictures => pictures?,
+                pictures => expose(pictures?),
             };
             for (i, channel) in column {
                 let only = channel.map_or(DVec3::ONE, |c| DVec3::AXES[c]);
@@ -293,6 +314,16 @@ impl Problem {
         }
         Ok(Some(hessian))
     }
+}
+
+/// Pictures in the unit of their targets.
+fn exposed<'a>(pictures: &'a [Vec<DVec3>], gains: &[DVec3]) -> Cow<'a, [Vec<DVec3>]> {
+    if gains.iter().all(|gain| *gain == DVec3::ONE) {
+        return Cow::Borrowed(pictures);
+    }
+    let view =
+        |(picture, gain): (&Vec<DVec3>, &DVec3)| picture.iter().map(|radiance| gain * radiance).collect();
+    Cow::Owned(pictures.iter().zip(gains).map(view).collect())
 }
 
 fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {

@@ -67,7 +67,8 @@ pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstanc
     Ok(())
 }
 
-/// Relative L2 difference of fitted pictures from their targets, over unmasked pixels.
+/// Relative L2 difference of fitted pictures, in the unit of their targets, from these, over unmasked pixels. Lower bounds that are kept
+/// count as met.
 pub fn picture_error(targets: &[Target], fitted: &[Vec<DVec3>]) -> f64 {
     let (mut off, mut all) = (0.0, 0.0);
     for (target, fitted) in targets.iter().zip(fitted) {
@@ -75,7 +76,11 @@ pub fn picture_error(targets: &[Target], fitted: &[Vec<DVec3>]) -> f64 {
             // Masked pixels may hold any value.
             let counts = target.mask_at(at);
             if counts > 0.0 {
-                off += counts * (*found - *expected).length_squared();
+                let difference = [0, 1, 2].map(|c| match target.keeps_bound(found[c], expected[c]) {
+                    true => 0.0,
+                    false => found[c] - expected[c],
+                });
+                off += counts * DVec3::from(difference).length_squared();
                 all += counts * expected.length_squared();
             }
         }
@@ -147,6 +152,9 @@ struct View<'a> {
     weight: f64,
     /// See [`picture_error`].
     picture_error: f64,
+    /// Factors from radiance to the picture's numbers, per channel, where they were fitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gain: Option<[f64; 3]>,
 }
 
 fn report(job: &Job, outcome: &Outcome, about: &Circumstances, names: &[String]) -> Value {
@@ -156,25 +164,31 @@ fn report(job: &Job, outcome: &Outcome, about: &Circumstances, names: &[String])
     let evaluations: u32 = outcome.history.iter().map(|r| r.evaluations).sum();
     let passes: u64 = outcome.history.iter().map(|r| r.passes).sum();
     let each = |total: f64| total / f64::from(iterations.max(1));
+    let exposed = outcome.exposed();
+    let found = outcome.views.iter().zip(&exposed).zip(&outcome.gains);
     let views: Vec<View> = problem
         .targets
         .iter()
         .zip(names)
-        .zip(outcome.views.iter().zip(&outcome.pictures))
-        .map(|((target, name), (&loss, fitted))| View {
+        .zip(found)
+        .map(|((target, name), ((&loss, fitted), gain))| View {
             name,
             camera: &target.camera.name,
             loss,
             weight: target.weight,
             picture_error: picture_error(from_ref(target), from_ref(fitted)),
+            gain: target.exposure.is_fitted().then(|| gain.to_array()),
         })
         .collect();
-    let assumptions: Vec<Value> = settings
-        .regularisers
-        .iter()
-        .zip(&outcome.assumptions)
+    let terms = settings.regularisers.iter().zip(&outcome.assumptions);
+    let mut assumptions: Vec<Value> = terms
         .map(|(term, value)| json!({ "assumed": term.assumption(), "weight": term.weight(), "part_of_loss": value }))
         .collect();
+    if problem.targets.iter().all(|target| target.exposure.is_fitted()) {
+        // Nothing else fixes the factor that light and all gains share, unless a light is known.
+        assumptions.push(json!({ "assumed": "radiance and exposures share a factor per channel that photos of unknown exposure leave \
+            open; where no light is known, it is that from which the fit starts" }));
+    }
     json!({
         "job": job.name,
         "version": env!("CARGO_PKG_VERSION"),
@@ -189,7 +203,7 @@ fn report(job: &Job, outcome: &Outcome, about: &Circumstances, names: &[String])
         "iterations": iterations,
         "resumed_from_iteration": outcome.resumed_from,
         "loss": { "start": first, "end": outcome.loss, "fell_by_factor": first / outcome.loss },
-        "picture_error": picture_error(&problem.targets, &outcome.pictures),
+        "picture_error": picture_error(&problem.targets, &exposed),
         "views": views,
         "assumptions": assumptions,
         "at_bound": outcome.recovered.iter().filter(|r| r.at_bound.contains(&true)).count(),

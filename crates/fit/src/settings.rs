@@ -60,6 +60,8 @@ pub struct Settings {
     pub loss: LossKind,
     /// ε of relative losses, W/(m² sr); `None`: a hundredth of the mean target.
     pub epsilon: Option<f64>,
+    /// Threshold of the Huber loss, a relative difference; `None`: 0.1.
+    pub threshold: Option<f64>,
     /// Regularisers.
     pub regularisers: Vec<Regulariser>,
     /// Which optimiser to use.
@@ -87,6 +89,7 @@ setters!(Settings {
     fits: Vec<Fit>,
     loss: LossKind,
     epsilon: Option<f64>,
+    threshold: Option<f64>,
     regularisers: Vec<Regulariser>,
     optimiser: OptimiserKind,
     quasi_newton: QuasiNewtonOptions,
@@ -105,6 +108,7 @@ impl Settings {
             fits,
             loss: LossKind::default(),
             epsilon: None,
+            threshold: None,
             regularisers: Vec::new(),
             optimiser: OptimiserKind::default(),
             quasi_newton: QuasiNewtonOptions::default(),

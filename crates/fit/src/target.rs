@@ -1,5 +1,6 @@
 //! Target of a view: a picture, its camera, and which of its pixels count.
 
+use super::exposure::Exposure;
 use antirad_render::image::Picture;
 use antirad_scene::Camera;
 use glam::DVec3;
@@ -83,6 +84,10 @@ pub struct Target {
     pub mask: Option<Vec<f64>>,
     /// Weight of this view relative to the others.
     pub weight: f64,
+    /// Value from which on a channel of a pixel is only a lower bound: the picture is clipped there.
+    pub clip: Option<f64>,
+    /// What of the relation between radiance and the picture's numbers is unknown.
+    pub exposure: Exposure,
 }
 
 impl Target {
@@ -121,7 +126,8 @@ impl Target {
         if !(weight > 0.0 && weight.is_finite()) {
             return Err(TargetError::Weight(weight));
         }
-        let target = Self { camera, pixels, mask, weight };
+        let exposure = Exposure::default();
+        let target = Self { camera, pixels, mask, weight, clip: None, exposure };
         if target.mask_sum() == 0.0 {
             return Err(TargetError::Nothing);
         }
@@ -131,6 +137,21 @@ impl Target {
             return Err(TargetError::NotFinite { x: at % width, y: at / width, value });
         }
         Ok(target)
+    }
+
+    /// This target with values that are lower bounds from `clip` on.
+    pub fn clipped_from(self, clip: f64) -> Self {
+        Self { clip: Some(clip), ..self }
+    }
+
+    /// This target with an exposure to be fitted.
+    pub fn exposed(self, exposure: Exposure) -> Self {
+        Self { exposure, ..self }
+    }
+
+    /// Whether an expected value is only a lower bound, and a value is not below it.
+    pub fn keeps_bound(&self, value: f64, expected: f64) -> bool {
+        value >= expected && self.clip.is_some_and(|clip| expected >= clip)
     }
 
     /// Weight of a pixel, from the mask.

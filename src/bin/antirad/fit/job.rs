@@ -185,7 +185,7 @@ impl Worker<'_> {
         };
         cli::draw_fit(&fit.directory, &file.job, &outcome)?;
         results::write(&fit.directory, &file.job, &outcome, &about)?;
-        let picture_error = results::picture_error(&file.job.problem().targets, &outcome.pictures);
+        let picture_error = results::picture_error(&file.job.problem().targets, &outcome.exposed());
         fit.text = described(name, &outcome, picture_error, &fit.directory);
         fit.status.state = State::Finished;
         fit.status.stop = Some(outcome.stop);

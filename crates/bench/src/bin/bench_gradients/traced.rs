@@ -3,7 +3,7 @@
 use crate::{Arguments, Interrupted, backend};
 use antirad::Watch;
 use antirad::cli::{Interrupt, PartsBar};
-use antirad::fit::{EngineRenderer, JobFile, Problem, Renderer};
+use antirad::fit::{EngineRenderer, JobFile, Problem, Renderer, Target};
 use antirad::path_tracer::PathTracer;
 use antirad::scene::{Camera, Scene};
 use glam::DVec3;
@@ -97,10 +97,10 @@ fn names(problem: &Problem) -> Vec<String> {
 pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     let file = JobFile::load(path)?;
     let problem = file.job.problem();
-    if problem.targets.iter().enumerate().any(|(view, target)| problem.loss.curvature(view, target).is_none())
-    {
+    let is_plain = |target: &Target| target.clip.is_none() && !target.exposure.is_fitted();
+    if !problem.loss.is_quadratic() || !problem.targets.iter().all(is_plain) {
         return Err(format!(
-            "{}: the loss must be l2 or relative-l2, whose derivatives are linear",
+            "{}: the loss must be l2 or relative-l2, whose derivatives are linear, and exposures known",
             path.display()
         )
         .into());
