@@ -157,7 +157,7 @@ fn reflections_by_rays_are_those_of_path_tracing() {
     let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
     let params = SolveParams::from(&scene.settings);
     let request = GradientRequest::EVERYTHING;
-    let result = backward(&mut engine, &solution, &light, &[view], request, &params, &mut |_, _| {
+    let result = backward(&mut engine, &solution, &light, &[view], request, &[], &params, &mut |_, _| {
         ControlFlow::Continue(())
     });
     assert!(matches!(result, Err(ShadingError::Rays)));
@@ -236,8 +236,8 @@ fn derivatives_are_those_of_central_differences(scene: &Scene) {
         .expect("light");
     let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
     let request = GradientRequest::EVERYTHING;
-    let (gradients, targets) =
-        backward(&mut own, &solution, &light, &[view], request, &params, &mut |_, _| {
+    let (gradients, targets, _) =
+        backward(&mut own, &solution, &light, &[view], request, &[], &params, &mut |_, _| {
             ControlFlow::Continue(())
         })
         .expect("gradients");
@@ -384,8 +384,9 @@ fn derivatives_of_reflections_by_rays_are_those_of_central_differences() {
             }
             let view = SeenFrom { coverage: &coverage, by_pixels: &by_pixels };
             let go_on = &mut |_: u32, _: f64| ControlFlow::Continue(());
-            let (gradients, _) = backward(&mut engine, &solution, &light, &[view], request, &params, go_on)
-                .expect("gradients");
+            let (gradients, ..) =
+                backward(&mut engine, &solution, &light, &[view], request, &[], &params, go_on)
+                    .expect("gradients");
             let materials = gradients.by_material(&scene);
             for (what, m, expected, tolerance) in &expected {
                 let of = &materials[*m];
@@ -585,7 +586,7 @@ fn derivatives_of_textured_pictures_are_those_of_central_differences() {
             .map(|(coverage, by_pixels)| SeenFrom { coverage, by_pixels })
             .collect();
         let request = GradientRequest::EVERYTHING;
-        let (gradients, targets) =
+        let (gradients, targets, _) =
             backward(&mut own, &solution, &light, &seen, request, &params, &mut |_, _| {
                 ControlFlow::Continue(())
             })

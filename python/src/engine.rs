@@ -437,6 +437,7 @@ impl Gradients {
             power: numbers("power", &self.power)?,
             positions: None,
             cameras: None,
+            texels: None,
         };
         let sums = Self::of(py, per_triangle.by_material(&scene.inner))?;
         let (suns, vertices, camera) = (&self.suns, &self.vertices, &self.camera);

@@ -375,7 +375,8 @@ fn run(
         let mut renderer =
             EngineRenderer::new(&backend, planning, cameras, supersample, gradients, link.watch())
                 .or_raise()?
-                .movable(parameters.movable());
+                .movable(parameters.movable())
+                .paintings(parameters.paintings());
         job.estimate(&mut renderer).or_raise()?;
         let seen = renderer.seen().or_raise()?;
         warnings.extend(job.problem().parameters.unseen(&seen).iter().map(ToString::to_string));

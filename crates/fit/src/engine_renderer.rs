@@ -8,7 +8,7 @@ use antirad_core::{Engine, EngineError, Solution, SolveParams};
 use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer};
 use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
 use antirad_render::shading::{Reflections, Shading};
-use antirad_scene::{Camera, Scene, Transport};
+use antirad_scene::{Camera, Painting, Scene, Transport};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -45,6 +45,8 @@ pub struct EngineRenderer {
     independent: bool,
     /// The vertices by which derivatives are wanted; `None`: all.
     movable: Option<Vec<u32>>,
+    /// Textures by whose texels derivatives are wanted.
+    paintings: Vec<Painting>,
     passes: u64,
     /// Engine for the vertex positions of [`Self::planning`], with the derivatives of `planned`.
     engine: Option<Engine>,
@@ -110,6 +112,7 @@ impl EngineRenderer {
             watch,
             independent: false,
             movable: None,
+            paintings: Vec::new(),
             passes: 0,
             engine: None,
             planned: GradientRequest::default(),
@@ -135,6 +138,11 @@ impl EngineRenderer {
     /// Derivatives by positions are those of some vertices alone, by their indices in the scene: by others they are zero.
     pub fn movable(self, vertices: Vec<u32>) -> Self {
         Self { movable: Some(vertices), ..self }
+    }
+
+    /// Derivatives by albedo include those by the texels of these textures.
+    pub fn paintings(self, paintings: Vec<Painting>) -> Self {
+        Self { paintings, ..self }
     }
 
     fn plan(&self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
@@ -271,7 +279,9 @@ impl Latest {
 
     /// Whether these are the pictures of a scene; scenes differ in materials and positions only.
     fn is_of(&self, scene: &Scene) -> bool {
-        !self.difference && self.scene.materials == scene.materials && self.scene.vertices == scene.vertices
+        let same_patterns = Arc::ptr_eq(&self.scene.patterns, &scene.patterns);
+        let same = self.scene.materials == scene.materials && self.scene.vertices == scene.vertices;
+        !self.difference && same && (same_patterns || self.scene.patterns.same_texels(&scene.patterns))
     }
 }
 
@@ -380,7 +390,12 @@ impl Renderer for EngineRenderer {
             watch()
         };
         let Latest { scene, solution, params, light, .. } = latest;
-        let wanted = PullBack { request, movable: self.movable.as_deref(), params: *params };
+        let wanted = PullBack {
+            request,
+            movable: self.movable.as_deref(),
+            paintings: &self.paintings,
+            params: *params,
+        };
         let pulled = self.renderer.pull_back(engine, solution, scene, light, &views, wanted, &mut progress);
         Ok(Some(pulled.map_err(|error| match error {
             PictureError::Engine(error) => sort_out(error),

@@ -38,7 +38,7 @@ pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
             }
             let (key, name): (_, &dyn Fn() -> String) = match fit.per {
                 Per::Material => (material, &|| scene.materials[material].name.clone()),
-                Per::Mesh => (mesh, &|| scene.meshes[mesh].name.clone()),
+                Per::Mesh | Per::Texel => (mesh, &|| scene.meshes[mesh].name.clone()),
                 Per::Triangle => (t as usize, &|| format!("triangle {t}")),
             };
             let group = *group_of.entry(key).or_insert_with(|| {
@@ -178,11 +178,12 @@ pub(super) fn labels(scene: &Scene, fits: &[Fit], selected: &[Selected]) -> Vec<
     let mut labels = vec![0u64; scene.triangles.len()];
     // Members of position fits are vertices; such fits do not distinguish triangles.
     let of_materials = fits.iter().zip(selected).filter(|(fit, _)| fit.quantity != Quantity::Position);
-    for (_, selected) in of_materials {
+    for (fit, selected) in of_materials {
         let mut group_of = vec![0u64; scene.triangles.len()];
         for ((_, members), group) in selected.groups.iter().zip(1..) {
             for &t in members {
-                group_of[t as usize] = group;
+                // Of a texture, each triangle has its own mean.
+                group_of[t as usize] = if fit.per == Per::Texel { 1 + u64::from(t) } else { group };
             }
         }
         let mut pairs: HashMap<(u64, u64), u64> = HashMap::new();

@@ -223,6 +223,9 @@ impl Assembly {
         if patterns.iter().any(Option::is_some) {
             Arc::make_mut(&mut scene.patterns).extend(first, patterns);
         }
+        if mesh.uvs.len() == mesh.faces.len() {
+            Arc::make_mut(&mut scene.patterns).extend_uvs(first, &mesh.uvs);
+        }
         scene.triangles.extend(
             mesh.faces
                 .iter()

@@ -26,6 +26,7 @@ mod mtl;
 mod obj;
 mod orient;
 mod outlook;
+mod painting;
 mod pattern;
 mod ply;
 mod point_lights;
@@ -54,6 +55,7 @@ pub use error::SceneError;
 pub use file::{LoadOptions, Orient};
 pub use material::{Material, Normalization};
 pub use movable::Movable;
+pub use painting::Painting;
 pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
 pub use settings::{

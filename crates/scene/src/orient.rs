@@ -119,7 +119,7 @@ pub(super) fn orient(scene: &mut Scene, keep: impl Fn(usize) -> bool) -> Vec<(St
         shell.triangles.iter().for_each(|&t| shell_of[t as usize] = k);
     }
     let before = scene.triangles.clone();
-    let patterned = !scene.patterns.is_empty();
+    let patterned = !scene.patterns.is_bare();
     let turn = |scene: &mut Scene, triangles: &[u32]| {
         for &t in triangles {
             scene.triangles[t as usize].vertices.swap(1, 2);

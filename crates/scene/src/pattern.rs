@@ -3,6 +3,8 @@
 //! Light transport knows their means, which are the materials of triangles. Pictures show them point by point: as factors, so that
 //! a material that changes takes its texture with it.
 
+use std::sync::Arc;
+
 use glam::{DVec2, DVec3};
 
 use super::geometry::{Maps, quarters};
@@ -14,6 +16,8 @@ pub struct Patterns {
     maps: Vec<Maps>,
     /// Pattern of each triangle; `None` where it does not vary.
     of: Vec<Option<Pattern>>,
+    /// Texture coordinates of the corners of each triangle, NaN where it has none; whether or not there is a texture.
+    uvs: Vec<[DVec2; 3]>,
 }
 
 /// The pattern of one triangle.
@@ -125,6 +129,16 @@ impl Patterns {
         self.of.iter().all(Option::is_none)
     }
 
+    /// Whether the textures that are fitted have the same texels as those of another state of the same scene.
+    pub fn same_texels(&self, other: &Self) -> bool {
+        let same = |(a, b): (&Maps, &Maps)| match (&a.albedo, &b.albedo) {
+            (Some(a), Some(b)) => Arc::ptr_eq(&a.texture, &b.texture) || a.texture.same_light(&b.texture),
+            (None, None) => true,
+            _ => false,
+        };
+        self.maps.len() == other.maps.len() && self.maps.iter().zip(&other.maps).all(same)
+    }
+
     /// Adds textures that patterns refer to by the index returned.
     pub(super) fn add_maps(&mut self, maps: Maps) -> u32 {
         self.maps.push(maps);
@@ -135,6 +149,43 @@ impl Patterns {
     pub(super) fn extend(&mut self, before: usize, patterns: Vec<Option<Pattern>>) {
         self.of.resize(before, None);
         self.of.extend(patterns);
+    }
+
+    /// Appends the texture coordinates of triangles that follow the first `before`.
+    pub(super) fn extend_uvs(&mut self, before: usize, uvs: &[[DVec2; 3]]) {
+        self.uvs.resize(before, [DVec2::NAN; 3]);
+        self.uvs.extend(uvs);
+    }
+
+    /// Whether there are neither patterns nor texture coordinates.
+    pub(super) fn is_bare(&self) -> bool {
+        self.of.is_empty() && self.uvs.is_empty()
+    }
+
+    /// The texture coordinates of a triangle's corners, if it has some.
+    pub fn uvs(&self, triangle: usize) -> Option<[DVec2; 3]> {
+        self.uvs.get(triangle).copied().filter(|uvs| uvs.iter().all(|uv| uv.is_finite()))
+    }
+
+    /// Gives a triangle a pattern by its texture coordinates, with such means.
+    pub(super) fn set(&mut self, triangle: usize, maps: u32, uvs: [DVec2; 3], means: [DVec3; 2]) {
+        if self.of.len() <= triangle {
+            self.of.resize(triangle + 1, None);
+        }
+        self.of[triangle] = Some(Pattern { maps, uvs, colours: [DVec3::ONE; 3], means });
+    }
+
+    /// Replaces textures.
+    pub(super) fn set_maps(&mut self, index: u32, maps: Maps) {
+        if let Some(to) = self.maps.get_mut(index as usize) {
+            *to = maps;
+        }
+    }
+
+    /// The textures of a triangle, by their index, and its texture coordinates at a point.
+    pub(super) fn place(&self, triangle: usize, b: DVec3) -> Option<(u32, DVec2)> {
+        let Pattern { maps, uvs, .. } = self.of.get(triangle)?.as_ref()?;
+        Some((*maps, uvs[0] * b.x + uvs[1] * b.y + uvs[2] * b.z))
     }
 
     pub(super) fn get(&self, triangle: usize) -> Option<(&Pattern, &Maps)> {
@@ -175,14 +226,25 @@ impl Patterns {
             pattern.uvs.swap(1, 2);
             pattern.colours.swap(1, 2);
         }
+        if let Some(uvs) = self.uvs.get_mut(triangle) {
+            uvs.swap(1, 2);
+        }
     }
 
     /// Replaces triangles: each new one is a part of an old one, or all of it, by its corners in barycentric coordinates.
     pub(super) fn rearrange(&mut self, new: impl Iterator<Item = (u32, [DVec3; 3])>) {
-        if self.of.is_empty() {
+        if self.is_bare() {
             return;
         }
-        let of = new.map(|(old, corners)| Some(self.of.get(old as usize)?.as_ref()?.part(corners)));
-        self.of = of.collect();
+        let part = |uvs: &[DVec2; 3], corners: [DVec3; 3]| {
+            corners.map(|at| uvs[0] * at.x + uvs[1] * at.y + uvs[2] * at.z)
+        };
+        let of = |(old, corners): (u32, [DVec3; 3])| {
+            let pattern = self.of.get(old as usize).and_then(|of| Some(of.as_ref()?.part(corners)));
+            (pattern, self.uvs.get(old as usize).map_or([DVec2::NAN; 3], |uvs| part(uvs, corners)))
+        };
+        let (of, uvs): (Vec<_>, Vec<_>) = new.map(of).unzip();
+        self.of = if self.of.is_empty() { Vec::new() } else { of };
+        self.uvs = if self.uvs.is_empty() { Vec::new() } else { uvs };
     }
 }

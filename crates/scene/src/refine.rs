@@ -57,7 +57,7 @@ impl Scene {
             origins.extend(origin.map(|o| super::Origin { lines, ..o }));
         }
         self.origins = origins;
-        if !self.patterns.is_empty() {
+        if !self.patterns.is_bare() {
             // In the order of triangles, as meshes are.
             let corners = |t: u32| match &parts[t as usize] {
                 Some(parts) => parts.iter().map(|part| (t, part.corners)).collect(),

@@ -61,7 +61,7 @@ impl Scene {
             }
             mesh.range = first..self.triangles.len() as u32;
         }
-        if !self.patterns.is_empty() {
+        if !self.patterns.is_bare() {
             let patterns = Arc::make_mut(&mut self.patterns);
             patterns.rearrange(rows.iter().map(|&(old, _)| (old, DVec3::AXES)));
             rows.iter().zip(0..).filter(|((_, second), _)| *second).for_each(|(_, t)| patterns.turn(t));

@@ -29,6 +29,8 @@ pub(super) struct Texture {
 enum Texels {
     Bytes(Vec<[u8; 3]>),
     Words(Vec<[u16; 3]>),
+    /// Light itself, of a texture that is fitted.
+    Light(Vec<DVec3>),
 }
 
 /// The value of a texture at a point, and its derivatives by the two texture coordinates.
@@ -117,11 +119,20 @@ impl Texture {
         Self { width, height, texels, light, mean: OnceLock::new() }
     }
 
+    /// Whether both hold the same light, and no numbers of a file.
+    pub fn same_light(&self, other: &Self) -> bool {
+        match (&self.texels, &other.texels) {
+            (Texels::Light(a), Texels::Light(b)) => a == b,
+            _ => false,
+        }
+    }
+
     fn texel(&self, column: u32, row: u32) -> DVec3 {
         let at = row as usize * self.width as usize + column as usize;
         let numbers = match &self.texels {
             Texels::Bytes(texels) => texels.get(at).map(|rgb| rgb.map(usize::from)),
             Texels::Words(texels) => texels.get(at).map(|rgb| rgb.map(usize::from)),
+            Texels::Light(texels) => return texels.get(at).copied().unwrap_or(DVec3::ONE),
         };
         numbers.map_or(DVec3::ONE, |rgb| DVec3::from(rgb.map(|x| f64::from(self.light[x]))))
     }
@@ -136,16 +147,13 @@ impl Texture {
         self.texel(wrap(uv.x, self.width), wrap(uv.y, self.height))
     }
 
+    /// A texture of light, row by row from the top.
+    pub fn of_light([width, height]: [u32; 2], texels: Vec<DVec3>) -> Self {
+        Self { width, height, texels: Texels::Light(texels), light: Vec::new(), mean: OnceLock::new() }
+    }
+
     /// The texture at texture coordinates, linear between the centres of texels.
     pub fn between_texels(&self, uv: DVec2) -> Texel {
-        // The texel before and the one after, and how far it is to the latter. What is no number becomes 0.
-        let along = |x: f64, count: u32| {
-            let x = if x.is_finite() { x } else { 0.0 };
-            let texels = (x - x.floor()) * f64::from(count) + f64::from(count) - 0.5;
-            let before = texels.floor();
-            let before_index = before as u64 % u64::from(count.max(1));
-            ([before_index as u32, ((before_index + 1) % u64::from(count.max(1))) as u32], texels - before)
-        };
         let (columns, x) = along(uv.x, self.width);
         let (rows, y) = along(uv.y, self.height);
         let [[a, b], [c, d]] = rows.map(|row| columns.map(|column| self.texel(column, row)));
@@ -194,6 +202,26 @@ impl Texture {
         }
         sum / f64::from(n * n)
     }
+}
+
+/// Of texels that repeat along an axis, the one before and the one after a texture coordinate, and how far it is to the latter in
+/// texels. What is no number becomes 0.
+fn along(x: f64, count: u32) -> ([u32; 2], f64) {
+    let x = if x.is_finite() { x } else { 0.0 };
+    let texels = (x - x.floor()) * f64::from(count) + f64::from(count) - 0.5;
+    let before = texels.floor();
+    let before_index = before as u64 % u64::from(count.max(1));
+    ([before_index as u32, ((before_index + 1) % u64::from(count.max(1))) as u32], texels - before)
+}
+
+/// The weights of four texels in [`Texture::between_texels`], by their index row by row.
+pub(super) fn weights([width, height]: [u32; 2], uv: DVec2) -> [(u32, f64); 4] {
+    let ((columns, x), (rows, y)) = (along(uv.x, width), along(uv.y, height));
+    let weight = |row: usize, column: usize| {
+        let (across, down) = ([1.0 - x, x][column], [1.0 - y, y][row]);
+        (rows[row] * width + columns[column], across * down)
+    };
+    [weight(0, 0), weight(0, 1), weight(1, 0), weight(1, 1)]
 }
 
 /// The opacity of a picture, in grey.

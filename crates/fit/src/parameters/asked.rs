@@ -15,6 +15,8 @@ pub enum Per {
     Mesh,
     /// Each triangle has its own value.
     Triangle,
+    /// Each texel of a texture over the texture coordinates of each mesh.
+    Texel,
 }
 
 /// How positions may change.
@@ -58,6 +60,8 @@ pub struct Fit {
     pub meshes: Option<Vec<String>>,
     /// Which triangles share a value.
     pub per: Per,
+    /// For [`Per::Texel`]: columns and rows of each texture; `None`: 64.
+    pub resolution: Option<u32>,
     /// For positions: how they may change.
     pub motion: MotionKind,
     /// For positions: the meshes move as one body instead of separately.
@@ -79,6 +83,7 @@ setters!(Fit {
     materials: Option<Vec<String>>,
     meshes: Option<Vec<String>>,
     per: Per,
+    resolution: Option<u32>,
     motion: MotionKind,
     together: bool,
     lower: Option<[f64; 3]>,
@@ -96,6 +101,7 @@ impl Fit {
             materials: None,
             meshes: None,
             per: Per::default(),
+            resolution: None,
             motion: MotionKind::Rigid,
             together: false,
             lower: None,

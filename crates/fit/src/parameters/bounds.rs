@@ -80,6 +80,19 @@ impl Parameters {
                         put(&mut self.bounds, -factor.ln(), factor.ln());
                     }
                 }
+                What::Texture { .. } => {
+                    for at in 0..block.unknowns() {
+                        let lower = what.lower.map_or(0.0, |l| l[at % 3]);
+                        let upper = what.upper.map_or(MAX_ALBEDO, |u| u[at % 3].min(MAX_ALBEDO));
+                        if !(lower >= 0.0 && lower <= upper) {
+                            return Err(refuse(format!(
+                                "{word}: bounds {lower} to {upper}; they must be 0 or more, the lower one first"
+                            )));
+                        }
+                        self.bounds.lower[block.first + at] = lower;
+                        self.bounds.upper[block.first + at] = upper;
+                    }
+                }
                 What::Vertex { .. } => {
                     let (lower, upper) = displacement(&what).map_err(refuse)?;
                     for axis in 0..3 {

@@ -38,6 +38,11 @@ impl Parameters {
                     let numbers = numbers.into_iter().filter(|(fitted, _)| *fitted).flat_map(|(_, n)| n);
                     to.iter_mut().zip(numbers).for_each(|(to, number)| *to += number);
                 }
+                What::Texture { painting, .. } => {
+                    let by_texels = gradient.texels.as_ref().and_then(|all| all.get(*painting));
+                    let numbers = by_texels.into_iter().flatten().flat_map(|by| by.to_array());
+                    to.iter_mut().zip(numbers).for_each(|(to, number)| *to += number);
+                }
                 What::Vertex { vertices } => {
                     let Some(by_position) = &gradient.positions else { continue };
                     let sum: DVec3 = vertices.iter().map(|&v| by_position[v as usize]).sum();

@@ -9,6 +9,7 @@ mod asked;
 mod bounds;
 mod derivative;
 mod recovered;
+mod textures;
 mod unseen;
 
 pub use asked::{Fit, MotionKind, Per};
@@ -22,7 +23,7 @@ use super::renderer::OwnSquares;
 use super::selection::{self, Selected};
 use antirad_core::plan::GradientRequest;
 use antirad_render::render::Quantity;
-use antirad_scene::{Material, Scene, bounds};
+use antirad_scene::{Material, Painting, Scene, bounds};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -54,6 +55,8 @@ struct ParameterBlock {
 enum What {
     /// Materials of the split scene, and triangles.
     Material { quantity: Quantity, materials: Vec<u32>, triangles: Vec<u32> },
+    /// Texels of the painting with such a number.
+    Texture { painting: usize, texels: usize },
     /// Vertices that move, and which of translation, rotation, scale are unknown.
     Motion { vertices: Vec<u32>, centre: DVec3, parts: [bool; 3] },
     /// Vertices at one place.
@@ -68,6 +71,7 @@ impl ParameterBlock {
                 3 * usize::from(*translation) + 3 * usize::from(*rotation) + usize::from(*scale)
             }
             What::Vertex { .. } => 3,
+            What::Texture { texels, .. } => 3 * texels,
         }
     }
 }
@@ -81,6 +85,8 @@ pub struct Parameters {
     blocks: Vec<ParameterBlock>,
     bounds: Bounds,
     start: Vec<f64>,
+    /// Textures whose texels are fitted.
+    paintings: Vec<Painting>,
     /// Materials whose σ is fitted and thus passes through the soft limit.
     limited: Vec<bool>,
     /// The [`Fit`] of each quantity of a material.
@@ -114,6 +120,7 @@ impl Parameters {
             fits: fits.to_vec(),
             limited: vec![false; base.materials.len()],
             base,
+            paintings: Vec::new(),
             blocks: Vec::new(),
             bounds: Bounds::free(0),
             start: Vec::new(),
@@ -121,7 +128,10 @@ impl Parameters {
             request: GradientRequest::NOTHING,
         };
         for (fit, selected) in selected.iter().enumerate() {
-            parameters.add(fit, selected, brightness.max(f64::MIN_POSITIVE));
+            match fits[fit].per {
+                Per::Texel => parameters.add_textures(fit, selected)?,
+                _ => parameters.add(fit, selected, brightness.max(f64::MIN_POSITIVE)),
+            }
         }
         for (fit, what) in fits.iter().enumerate() {
             parameters.set_initial(fit, what)?;
@@ -137,9 +147,14 @@ impl Parameters {
     pub fn movable(&self) -> Vec<u32> {
         let of = |block: &ParameterBlock| match &block.what {
             What::Motion { vertices, .. } | What::Vertex { vertices } => vertices.clone(),
-            What::Material { .. } => Vec::new(),
+            What::Material { .. } | What::Texture { .. } => Vec::new(),
         };
         self.blocks.iter().flat_map(of).collect()
+    }
+
+    /// The textures whose texels are fitted.
+    pub fn paintings(&self) -> Vec<Painting> {
+        self.paintings.clone()
     }
 
     fn add(&mut self, fit: usize, selected: &Selected, brightness: f64) {
@@ -225,6 +240,14 @@ impl Parameters {
                         self.start[first + axis] = way / block.scale;
                     }
                 }
+                What::Texture { painting, texels } => {
+                    if let Some(value) = what.initial {
+                        let texels = vec![DVec3::from(value); *texels];
+                        let values = texels.iter().flat_map(|texel| texel.to_array());
+                        self.start[first..].iter_mut().zip(values).for_each(|(to, value)| *to = value);
+                        self.base.set_painting(&self.paintings[*painting], texels);
+                    }
+                }
                 What::Motion { .. } | What::Vertex { .. } => {}
             }
         }
@@ -274,6 +297,9 @@ impl Parameters {
         for block in &self.blocks {
             match &block.what {
                 What::Material { .. } => {}
+                What::Texture { painting, .. } => {
+                    scene.set_painting(&self.paintings[*painting], self.texels(block, x));
+                }
                 What::Motion { vertices, .. } => {
                     let motion = self.motion(block, x);
                     let before = vertices.iter().map(|&v| self.base.vertices[v as usize]);
@@ -397,6 +423,14 @@ impl Parameters {
     pub(super) fn own_squares(&self, by_triangles: &OwnSquares) -> Option<Vec<f64>> {
         let mut by_unknowns = vec![0.0; self.len()];
         for block in &self.blocks {
+            if let What::Texture { painting, .. } = &block.what {
+                // A pixel is about as large as a texel.
+                let to = &mut by_unknowns[block.first..block.first + block.unknowns()];
+                let mut squares = vec![DVec3::ZERO; to.len() / 3];
+                self.paintings[*painting].pull_back(|t| by_triangles.albedo[t], &mut squares);
+                to.iter_mut().zip(squares.iter().flat_map(|s| s.to_array())).for_each(|(to, s)| *to = s);
+                continue;
+            }
             let What::Material { quantity, triangles, .. } = &block.what else { return None };
             let of = match quantity {
                 Quantity::Albedo => &by_triangles.albedo,
@@ -410,6 +444,11 @@ impl Parameters {
         Some(by_unknowns)
     }
 
+    /// The texels of a texture at the given unknowns.
+    fn texels(&self, block: &ParameterBlock, x: &[f64]) -> Vec<DVec3> {
+        x[block.first..block.first + block.unknowns()].chunks_exact(3).map(DVec3::from_slice).collect()
+    }
+
     /// The unknowns for an RGB value of a quantity, per channel of [`Self::unknowns_of`]; `None` for positions.
     pub fn unknowns_for(&self, quantity: Quantity, value: [f64; 3]) -> Option<Vec<f64>> {
         if quantity == Quantity::Position {
@@ -417,7 +456,9 @@ impl Parameters {
         }
         let blocks = self.blocks.iter().filter(|block| self.fits[block.fit].quantity == quantity);
         Some(
-            blocks.flat_map(|b| (0..b.unknowns()).map(|c| to_unknown(quantity, value[c], b.scale))).collect(),
+            blocks
+                .flat_map(|b| (0..b.unknowns()).map(|c| to_unknown(quantity, value[c % 3], b.scale)))
+                .collect(),
         )
     }
 
@@ -425,10 +466,15 @@ impl Parameters {
     pub fn triangles_of(&self, of: Quantity) -> Vec<bool> {
         let mut fitted = vec![false; self.base.triangles.len()];
         for block in &self.blocks {
-            if let What::Material { quantity, triangles, .. } = &block.what
-                && *quantity == of
-            {
-                triangles.iter().for_each(|&t| fitted[t as usize] = true);
+            match &block.what {
+                What::Material { quantity, triangles, .. } if *quantity == of => {
+                    triangles.iter().for_each(|&t| fitted[t as usize] = true);
+                }
+                What::Texture { painting, .. } if of == Quantity::Albedo => {
+                    let triangles = self.paintings[*painting].triangles();
+                    triangles.iter().for_each(|&t| fitted[t as usize] = true);
+                }
+                _ => {}
             }
         }
         fitted
@@ -440,7 +486,7 @@ impl Parameters {
         for block in &self.blocks {
             match &block.what {
                 What::Vertex { vertices } => places.push(vertices.clone()),
-                What::Material { .. } | What::Motion { .. } => {}
+                What::Material { .. } | What::Motion { .. } | What::Texture { .. } => {}
             }
         }
         places

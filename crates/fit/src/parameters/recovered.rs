@@ -3,6 +3,7 @@
 use super::super::motion::Motion;
 use super::{Parameters, What, get};
 use antirad_scene::Scene;
+use glam::DVec3;
 use serde::Serialize;
 
 /// A fitted value, for display and JSON.
@@ -64,6 +65,19 @@ impl Parameters {
                         let value = |m: &Motion| vec![m.log_factor.exp()];
                         push("scale", "1", value(&now), value(&before), &at_bound[next(1)]);
                     }
+                }
+                What::Texture { painting, .. } => {
+                    let mean = |x: &[f64]| {
+                        let texels = self.texels(block, x);
+                        let (mut sum, mut all) = (DVec3::ZERO, 0.0);
+                        for &(texel, weight) in self.paintings[*painting].means().iter().flatten() {
+                            sum += weight * texels[texel as usize];
+                            all += weight;
+                        }
+                        (sum / all).to_array().to_vec()
+                    };
+                    let some_at_bound = [0, 1, 2].map(|c| at_bound.iter().skip(c).step_by(3).any(|at| *at));
+                    push("mean albedo of a texture", "1", mean(x), mean(&self.start), &some_at_bound);
                 }
                 What::Vertex { vertices } => {
                     let value = |scene: &Scene| {

@@ -43,6 +43,7 @@ impl Parameters {
         }
         let shown = |what: &What| match what {
             What::Material { triangles, .. } => triangles.iter().any(triangle_seen),
+            What::Texture { painting, .. } => self.paintings[*painting].triangles().iter().any(triangle_seen),
             What::Motion { vertices, .. } | What::Vertex { vertices } => {
                 vertices.iter().any(|&v| vertex_seen[v as usize])
             }

@@ -85,6 +85,8 @@ pub struct SceneGradient {
     pub positions: Option<Vec<DVec3>>,
     /// Per camera of the pictures.
     pub cameras: Option<Vec<CameraGradient>>,
+    /// Per [`Painting`](antirad_scene::Painting), by the albedo of its texels; requested with albedo.
+    pub texels: Option<Vec<Vec<DVec3>>>,
 }
 
 impl SceneGradient {
@@ -102,6 +104,7 @@ impl SceneGradient {
             power: scalar(request.power),
             positions: request.positions.then(|| vec![DVec3::ZERO; scene.vertices.len()]),
             cameras: None,
+            texels: None,
         }
     }
 
@@ -127,6 +130,7 @@ impl SceneGradient {
             power: sums(&self.power, scene),
             positions: self.positions.clone(),
             cameras: self.cameras.clone(),
+            texels: self.texels.clone(),
         }
     }
 
@@ -197,6 +201,7 @@ impl From<Gradients> for SceneGradient {
                 let moved = |position| CameraGradient { position, target: DVec3::ZERO };
                 positions.into_iter().map(moved).collect()
             }),
+            texels: None,
         }
     }
 }

@@ -7,14 +7,14 @@ pub use crate::shading::ShadingError as PictureError;
 pub use gradient::{CameraGradient, Quantity, SceneGradient};
 
 use crate::image::{Coverage, ImageError, Picture, Rasterizer, geometry_gradient, geometry_gradient_of};
-use crate::shading::{self, Gathered, Light, Reflections, SeenFrom, Shading};
+use crate::shading::{self, Gathered, Light, Reflections, SeenFrom, Shading, TexelGradient};
 use antirad_base::ranks::Ranks;
 use antirad_base::setters;
 use antirad_core::backend::Backend;
 use antirad_core::plan::GradientRequest;
 use antirad_core::solve::SolveProgress;
 use antirad_core::{Cotangent, Engine, EngineError, Solution, SolveParams};
-use antirad_scene::{Camera, Scene};
+use antirad_scene::{Camera, Painting, Scene};
 use glam::DVec3;
 
 /// How pictures are made.
@@ -66,6 +66,8 @@ pub struct PullBack<'a> {
     pub request: GradientRequest,
     /// The vertices by which derivatives are wanted, as in [`Engine::set_movable`]; `None`: all.
     pub movable: Option<&'a [u32]>,
+    /// Textures by whose texels derivatives are wanted.
+    pub paintings: &'a [Painting],
     /// When the adjoint solve stops.
     pub params: SolveParams,
 }
@@ -192,14 +194,14 @@ impl Renderer {
         wanted: PullBack,
         progress: &mut SolveProgress,
     ) -> Result<SceneGradient, PictureError> {
-        let PullBack { request, params, .. } = wanted;
-        let (gradients, targets) = match light {
+        let PullBack { request, params, paintings, .. } = wanted;
+        let (gradients, targets, texels) = match light {
             Shown::Gathered(light) => {
                 let seen: Vec<SeenFrom> = views
                     .iter()
                     .map(|view| SeenFrom { coverage: view.coverage, by_pixels: view.by_pixels })
                     .collect();
-                shading::backward(engine, solution, light, &seen, request, &params, progress)?
+                shading::backward(engine, solution, light, &seen, request, paintings, &params, progress)?
             }
             Shown::Faces(_) => {
                 let mut cotangent = Cotangent::default();
@@ -208,10 +210,11 @@ impl Renderer {
                     cotangent.colours.push((view.camera.position, by_colours));
                 }
                 let gradients = engine.backward_with(solution, &cotangent, request, &params, progress)?;
-                (gradients, vec![DVec3::ZERO; views.len()])
+                (gradients, vec![DVec3::ZERO; views.len()], TexelGradient::default())
             }
         };
         let mut gradient = SceneGradient::from(gradients);
+        gradient.texels = gradient.albedo.as_ref().map(|albedo| by_texels(paintings, albedo, texels));
         for (camera, target) in gradient.cameras.iter_mut().flatten().zip(targets) {
             camera.target = target;
         }
@@ -254,4 +257,18 @@ impl Renderer {
         }
         Ok(())
     }
+}
+
+/// Derivatives by the texels of paintings: where pictures show them, and through the albedo of triangles, which is their mean.
+fn by_texels(paintings: &[Painting], by_albedo: &[DVec3], of_pictures: TexelGradient) -> Vec<Vec<DVec3>> {
+    let TexelGradient { shown, of_triangles } = of_pictures;
+    let shown = shown.into_iter().map(Some).chain(std::iter::repeat(None));
+    let of = |(painting, shown): (&Painting, Option<Vec<DVec3>>)| {
+        let mut by_texels = shown.unwrap_or_else(|| vec![DVec3::ZERO; painting.texels()]);
+        // What pictures show of a triangle's own albedo is in `shown` already.
+        let through_mean = |t: usize| by_albedo[t] - of_triangles.get(t).copied().unwrap_or_default();
+        painting.pull_back(through_mean, &mut by_texels);
+        by_texels
+    };
+    paintings.iter().zip(shown).map(of).collect()
 }

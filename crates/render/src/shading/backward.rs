@@ -10,7 +10,7 @@ use antirad_core::model::FacetGradient;
 use antirad_core::plan::GradientRequest;
 use antirad_core::solve::SolveProgress;
 use antirad_core::{Cotangent, Engine, EngineError, Gradients, Solution, SolveParams};
-use antirad_scene::Factors;
+use antirad_scene::{Factors, Painting};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
@@ -63,6 +63,17 @@ struct Differences {
     facets: Vec<FacetGradient>,
     /// Per camera, per unit of length of the engine.
     cameras: Vec<OfCamera>,
+    /// Derivatives by textures that are fitted.
+    texels: TexelGradient,
+}
+
+/// Derivatives of a loss by the albedo of texels where pictures show it, with light held fixed.
+#[derive(Clone, Debug, Default)]
+pub struct TexelGradient {
+    /// Per [`Painting`] and texel.
+    pub shown: Vec<Vec<DVec3>>,
+    /// Per triangle, by its albedo with its pattern held fixed: what `shown` stands for of it.
+    pub of_triangles: Vec<DVec3>,
 }
 
 /// Derivatives of a loss by a camera's position, with its axes held fixed, and by its axes.
@@ -87,10 +98,13 @@ struct OfPoints {
     brought: BTreeMap<usize, OfFace>,
     facets: Vec<(u32, FacetGradient)>,
     camera: OfCamera,
+    /// Derivatives by texels, by painting and texel, and by the triangle's albedo through these.
+    texels: Vec<([u32; 2], DVec3)>,
+    textured: DVec3,
 }
 
 /// Derivatives of a loss of pictures made by [`Light::pixels`], as [`Engine::backward_with`] returns those of its results, and by the target
-/// of each camera, per metre. Cameras turn towards their targets as they move. The light must be
+/// of each camera, per metre, and by the texels of `paintings` that pictures show. Cameras turn towards their targets as they move. The light must be
 /// that of the solution. Where rays tell what glossy faces mirror, there are none by positions. The movement of silhouettes is not
 /// included ([`crate::image::geometry_gradient`]).
 ///
@@ -103,13 +117,14 @@ pub fn backward(
     light: &Light,
     views: &[SeenFrom],
     request: GradientRequest,
+    paintings: &[Painting],
     params: &SolveParams,
     progress: &mut SolveProgress,
-) -> Result<(Gradients, Vec<DVec3>), ShadingError> {
+) -> Result<(Gradients, Vec<DVec3>, TexelGradient), ShadingError> {
     if light.surroundings.as_ref().is_some_and(|rays| !rays.is_fixed() || request.geometry()) {
         return Err(ShadingError::Rays);
     }
-    let mut sums = Differences::new(light);
+    let mut sums = Differences::new(light, paintings);
     let mut colours = Vec::new();
     for (view, seen) in light.views.iter().zip(views) {
         let mut by_colours = seen.coverage.colour_gradient(seen.by_pixels)?;
@@ -121,7 +136,7 @@ pub fn backward(
         colours.push((view.camera.position, by_colours));
         let movable = &engine.movable;
         let moves = |face| request.positions && movable.triangle(face) || request.camera;
-        light.pull_back(view, seen, &Wanted { request, moves: &moves }, &mut sums)?;
+        light.pull_back(view, seen, &Wanted { request, moves: &moves, paintings }, &mut sums)?;
     }
     let specular = sums.pull_back_brought(light);
     sums.pull_back_sharpened(light);
@@ -133,7 +148,7 @@ pub fn backward(
     let mut gradients = engine.backward_with(solution, &cotangent, request, params, progress)?;
     sums.add_to(&mut gradients, light, engine);
     let targets = sums.add_cameras(&mut gradients, light);
-    Ok((gradients, targets))
+    Ok((gradients, targets, std::mem::take(&mut sums.texels)))
 }
 
 /// Which derivatives are wanted.
@@ -142,11 +157,17 @@ struct Wanted<'a> {
     /// Whether points on a triangle need derivatives by positions: those of movable triangles, and all where
     /// cameras move.
     moves: &'a (dyn Fn(u32) -> bool + Sync),
+    /// Textures by whose texels derivatives are wanted.
+    paintings: &'a [Painting],
 }
 
 impl Differences {
-    fn new(light: &Light) -> Self {
+    fn new(light: &Light, paintings: &[Painting]) -> Self {
         let none = || vec![DVec3::ZERO; light.facets.len()];
+        let texels = TexelGradient {
+            shown: paintings.iter().map(|painting| vec![DVec3::ZERO; painting.texels()]).collect(),
+            of_triangles: if paintings.is_empty() { Vec::new() } else { none() },
+        };
         Self {
             reflectance: none(),
             direct: none(),
@@ -159,6 +180,7 @@ impl Differences {
             power: vec![0.0; light.facets.len()],
             facets: vec![FacetGradient::default(); light.facets.len()],
             cameras: Vec::new(),
+            texels,
         }
     }
 
@@ -297,6 +319,11 @@ impl Light {
             of.sharpened.into_iter().for_each(|(face, by)| sums.sharpened[face] += by);
             of.brought.into_iter().for_each(|(face, by)| sums.brought.entry(face).or_default().add(by));
             of.facets.into_iter().for_each(|(face, by)| sums.facets[face as usize] += by);
+            let texels = of.texels.into_iter();
+            texels.for_each(|([p, texel], by)| sums.texels.shown[p as usize][texel as usize] += by);
+            if let Some(to) = sums.texels.of_triangles.get_mut(run.face) {
+                *to += of.textured;
+            }
             by_camera.position += of.camera.position;
             by_camera.axes.iter_mut().zip(of.camera.axes).for_each(|(to, by)| *to += by);
         }
@@ -312,7 +339,7 @@ impl Light {
         cotangent: &[DVec3],
         spots: &[Spot],
         rays: Option<&[Sample]>,
-        &Wanted { request, moves }: &Wanted,
+        &Wanted { request, moves, paintings }: &Wanted,
     ) -> Option<OfPoints> {
         let face = *face;
         let facet = &self.facets[face];
@@ -335,6 +362,8 @@ impl Light {
             brought: BTreeMap::new(),
             facets: Vec::new(),
             camera: OfCamera::default(),
+            texels: Vec::new(),
+            textured: DVec3::ZERO,
         };
         let mut own = FacetGradient::default();
         let mut by_corners = [DVec3::ZERO; 3];
@@ -370,6 +399,21 @@ impl Light {
             },
         );
         let eye = self.placement.apply(camera.position);
+        if let Some((p, painting)) = (0..).zip(paintings).find(|(_, p)| p.covers(&self.patterns, face)) {
+            let diffuse = self.materials[face].diffuse / PI;
+            for (k, (irradiance, by)) in irradiances.iter().zip(cotangent).enumerate() {
+                let by_albedo = diffuse * *irradiance * *by;
+                of.textured += by_albedo * shown(k)[0];
+                let samples = spots[k].samples(&self.patterns, facet, face, eye, camera);
+                let share = (samples.len() as f64).recip();
+                for sample in samples {
+                    let b = barycentric(facet.corners, facet.normal, sample.point);
+                    let weights = painting.weights(&self.patterns, face, b);
+                    of.texels.extend(weights.map(|(texel, w)| ([p, texel], share * w * by_albedo)));
+                }
+            }
+            merge(&mut of.texels);
+        }
         let mut by_points = vec![DVec3::ZERO; at.len()];
         let material = &self.materials[face];
         if material.is_glossy() {
@@ -468,6 +512,16 @@ impl Light {
         of.facets.extend(gradient.facets);
         gradient.points
     }
+}
+
+/// Adds up what belongs to one texel.
+fn merge(texels: &mut Vec<([u32; 2], DVec3)>) {
+    texels.sort_by_key(|(texel, _)| *texel);
+    texels.dedup_by(|(texel, by), (last, sum)| {
+        let same = texel == last;
+        *sum += if same { *by } else { DVec3::ZERO };
+        same
+    });
 }
 
 /// The gradient along a face of the function that has given values at its corners and is linear in between.

@@ -13,7 +13,7 @@ mod pattern;
 mod reflections;
 mod sights;
 
-pub use backward::{SeenFrom, ShadingError, backward};
+pub use backward::{SeenFrom, ShadingError, TexelGradient, backward};
 
 use crate::image::{self, Coverage, ImageError, Picture};
 use antirad_base::ranks::RankError;
@@ -170,8 +170,9 @@ impl Light {
     /// Takes over what geometry alone decides of the pictures of another light, for the same geometry and cameras, so that it is not computed
     /// again.
     pub fn like(mut self, other: &Self) -> Self {
-        if Arc::ptr_eq(&self.direct, &other.direct) && Arc::ptr_eq(&self.patterns, &other.patterns) {
-            let same_rays = self.densities() == other.densities();
+        if Arc::ptr_eq(&self.direct, &other.direct) {
+            let same_rays =
+                Arc::ptr_eq(&self.patterns, &other.patterns) && self.densities() == other.densities();
             for (own, other) in self.views.iter_mut().zip(&other.views) {
                 if own.camera == other.camera {
                     own.sights = other.sights.clone();
@@ -288,7 +289,7 @@ impl Light {
 
     fn sights(&self, view: &View, coverage: &Coverage) -> Result<Arc<Sights>, RankError> {
         let (lamps, sight) = (self.direct.lamps().len(), self.sight(&view.camera));
-        view.sights.of(coverage.faces_in_pixels().collect(), |seen| {
+        view.sights.of(coverage.faces_in_pixels().collect(), &self.patterns, &sight, |seen| {
             let whole = Sights::new(&sight, seen.to_vec(), lamps);
             if self.is_smooth || !self.direct.has_sharp_shadows() {
                 return Ok(whole);

@@ -46,7 +46,7 @@ pub fn light_of<'a>(
     facets: &[Facet],
     lit: impl Fn(usize) -> bool,
 ) -> Result<Vec<LampLight<'a>>, GpuError> {
-    let held = |run: &'a Points| run.light.as_ref().and_then(OnceLock::get);
+    let held = |run: &'a Points| run.light.as_ref().and_then(|room| room.get());
     let is_unknown = |run: &&&'a Points| lit(run.face) && held(run).is_none();
     let unknown: Vec<(usize, &[DVec3])> =
         runs.iter().filter(is_unknown).map(|run| (run.face, &run.at[..])).collect();
@@ -70,7 +70,7 @@ pub struct Points {
     pub at: Vec<DVec3>,
     /// Vector irradiance of each lamp at each point by its radiance, sr, once it has been asked for: a rank asks for that of its share of a
     /// picture. `None` where that is too much to hold for a whole picture.
-    light: Option<OnceLock<Vec<Vec<DVec3>>>>,
+    light: Option<Arc<OnceLock<Vec<Vec<DVec3>>>>>,
     /// Factors of albedo and emission around each point; empty if the face has no pattern.
     pub pattern: Vec<[DVec3; 2]>,
 }
@@ -90,10 +90,17 @@ impl Sight<'_> {
         let facet = &self.facets[face];
         let point = |spot: &Spot| hit(facet, self.eye, self.view.ray(spot.middle[0], spot.middle[1]));
         let at: Vec<DVec3> = spots.iter().map(point).collect();
-        let pattern =
-            |spot: &Spot| Spot::mean(&spot.samples(self.patterns, facet, face, self.eye, &self.view));
-        let pattern = if self.patterns.vary(face) { spots.iter().map(pattern).collect() } else { Vec::new() };
-        Points { face, of, at, light: hold.then(OnceLock::new), pattern }
+        Points { face, of, at, light: hold.then(Arc::default), pattern: self.pattern(face, spots) }
+    }
+
+    /// Factors of albedo and emission around spots of a face; empty if it has no pattern.
+    fn pattern(&self, face: usize, spots: &[Spot]) -> Vec<[DVec3; 2]> {
+        if !self.patterns.vary(face) {
+            return Vec::new();
+        }
+        let facet = &self.facets[face];
+        let of = |spot: &Spot| Spot::mean(&spot.samples(self.patterns, facet, face, self.eye, &self.view));
+        spots.iter().map(of).collect()
     }
 }
 
@@ -126,6 +133,17 @@ impl Sights {
         let runs = runs.par_iter().map(points).collect();
         Self { seen, runs, held }
     }
+
+    /// The same points where patterns have changed; they share the light of lamps.
+    fn with_patterns(&self, sight: &Sight) -> Self {
+        let points = |points: &Points| {
+            let Points { face, of, at, light, .. } = points;
+            let spots: Vec<Spot> = of.iter().map(|&place| Spot::from(&self.seen[place])).collect();
+            let pattern = sight.pattern(*face, &spots);
+            Points { face: *face, of: of.clone(), at: at.clone(), light: light.clone(), pattern }
+        };
+        Self { seen: self.seen.clone(), runs: self.runs.par_iter().map(points).collect(), held: self.held }
+    }
 }
 
 /// The sights of one camera, once they are known; clones share them.
@@ -136,25 +154,33 @@ pub struct Kept(Arc<Mutex<Option<Known>>>);
 #[derive(Debug)]
 struct Known {
     shown: Vec<FaceInPixel>,
+    patterns: Arc<Patterns>,
     sights: Arc<Sights>,
 }
 
 impl Kept {
-    /// The sights of the faces that pixels show, which are computed unless known.
+    /// The sights of the faces that pixels show, which are computed unless known. `sight`: with these patterns.
     ///
     /// # Errors
     /// Fails if `compute` does.
     pub fn of<E>(
         &self,
         shown: Vec<FaceInPixel>,
+        patterns: &Arc<Patterns>,
+        sight: &Sight,
         compute: impl FnOnce(&[FaceInPixel]) -> Result<Sights, E>,
     ) -> Result<Arc<Sights>, E> {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = kept.as_ref().filter(|known| known.shown == shown) {
+        if let Some(known) = kept.as_mut().filter(|known| known.shown == shown) {
+            if !Arc::ptr_eq(&known.patterns, patterns) {
+                known.sights = Arc::new(known.sights.with_patterns(sight));
+                known.patterns = patterns.clone();
+            }
             return Ok(known.sights.clone());
         }
         let sights = Arc::new(compute(&shown)?);
-        *kept = sights.held.then(|| Known { shown, sights: sights.clone() });
+        let patterns = patterns.clone();
+        *kept = sights.held.then(|| Known { shown, patterns, sights: sights.clone() });
         Ok(sights)
     }
 }
@@ -202,7 +228,7 @@ mod tests {
         assert!(light[0][0].y > 0.1);
         for held in [true, false] {
             let (of, pattern) = (vec![0, 1], Vec::new());
-            let points = Points { face: 0, of, at: at.clone(), light: held.then(OnceLock::new), pattern };
+            let points = Points { face: 0, of, at: at.clone(), light: held.then(Arc::default), pattern };
             for once_more in [false, true] {
                 let found = points.light(&direct, &facets);
                 assert_eq!(*found, light[..], "{once_more}");

@@ -142,7 +142,8 @@ impl Worker<'_> {
         let supersample = file.job.settings().supersample;
         let mut renderer = EngineRenderer::new(&backend, planning, cameras, supersample, gradients, watch)?
             .shading(file.job.settings().shading)
-            .movable(problem.parameters.movable());
+            .movable(problem.parameters.movable())
+            .paintings(problem.parameters.paintings());
         // Before anything is allocated: a job that does not fit is refused with the number of bytes that it needs.
         let (estimate, host_bytes) = file.job.estimate(&mut renderer)?;
         // Planned for the whole budget, as if it were alone, so that it finds the same whatever runs beside it.
