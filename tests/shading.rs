@@ -587,7 +587,7 @@ fn derivatives_of_textured_pictures_are_those_of_central_differences() {
             .collect();
         let request = GradientRequest::EVERYTHING;
         let (gradients, targets, _) =
-            backward(&mut own, &solution, &light, &seen, request, &params, &mut |_, _| {
+            backward(&mut own, &solution, &light, &seen, request, &[], &params, &mut |_, _| {
                 ControlFlow::Continue(())
             })
             .expect("gradients");
