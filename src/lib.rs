@@ -61,9 +61,10 @@ pub use glam;
 pub mod scene {
     #[doc(inline)]
     pub use antirad_scene::{
-        BinLayout, Camera, Choice, Lamps, LoadOptions, Material, Mesh, Movable, Normalization, Orient,
-        Origin, Patterns, Precision, Scene, SceneBuilder, SceneError, Shape, Sky, SolveSettings,
-        SolverChoice, Sun, TextureRefined, Transport, Triangle, VisibilityChoice,
+        BinLayout, Camera, CameraSet, Choice, Distortion, Focal, Frame, Intrinsics, Lamps, Lens, LoadOptions,
+        Material, Mesh, Movable, Normalization, Orient, Origin, Patterns, Precision, Projection, Scene,
+        SceneBuilder, SceneError, Shape, Similarity, Sky, SolveSettings, SolverChoice, Sun, TextureRefined,
+        Transport, Triangle, VisibilityChoice,
     };
 }
 
@@ -133,7 +134,7 @@ pub mod render {
 pub mod image {
     #[doc(inline)]
     pub use antirad_render::image::{
-        Exposure, ImageError, MAX_SUPERSAMPLE, Picture, PictureOptions, Rasterizer, ToneMap,
+        Exposure, ImageError, MAX_SUPERSAMPLE, Photo, PhotoMask, Picture, PictureOptions, Rasterizer, ToneMap,
     };
 }
 

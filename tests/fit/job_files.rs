@@ -144,7 +144,7 @@ fn names_that_nothing_has() {
 fn files_that_are_not_there_or_not_right() {
     refused(&job("s.toml", "t.toml"), &["j.toml:1", "t.toml", "cannot be read"]);
     refused(&job("p.exr", "q.exr"), &["j.toml:4", "q.exr", "cannot be read"]);
-    refused(&job("p.exr", "s.toml"), &["j.toml:4", "neither .exr nor .png"]);
+    refused(&job("p.exr", "s.toml"), &["j.toml:4", "none of EXR, PNG"]);
     let broken = folder(&[("p.exr", "not a picture")]);
     says(&load(&broken).err().expect("broken"), &["j.toml:4", "p.exr", "cannot be read"]);
     let broken = folder(&[("s.toml", "[[mesh]]\npath = \"none.obj\"\n")]);

@@ -5,15 +5,12 @@ use super::loss::LossKind;
 use super::optimiser::{AdamOptions, QuasiNewtonOptions};
 use super::parameters::{Fit, MotionKind, Per};
 use super::regulariser::Regulariser;
-use super::selection::unknown;
 use super::settings::{OptimiserKind, Settings, StopRule};
-use super::target::{Target, TargetPicture, read_mask};
+use super::target_table::{TargetTable, read_targets};
 use antirad_render::image::MAX_SUPERSAMPLE;
 use antirad_render::render::Quantity;
 use antirad_render::shading::Shading;
-use antirad_scene::{
-    BackendChoice, Camera, CameraTable, LoadOptions, Place, Scene, SceneError, TomlFile, Triple,
-};
+use antirad_scene::{BackendChoice, LoadOptions, Place, Scene, SceneError, TomlFile, Triple};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -48,26 +45,6 @@ struct JobTable {
     stop: Option<Spanned<StopTable>>,
     checkpoint: Option<Spanned<CheckpointTable>>,
     solve: Option<Spanned<SolveTable>>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct TargetTable {
-    picture: Spanned<PathBuf>,
-    camera: Option<Spanned<String>>,
-    view: Option<Spanned<CameraTable>>,
-    mask: Option<Spanned<PathBuf>>,
-    weight: Option<f64>,
-    white: Option<Spanned<f64>>,
-    clipped: Option<Clipped>,
-}
-
-/// How to treat clipped PNG pixels.
-#[derive(Clone, Copy, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "kebab-case")]
-enum Clipped {
-    Ignore,
-    Use,
 }
 
 #[derive(Deserialize)]
@@ -155,12 +132,23 @@ impl JobFile {
     /// scene = "room.toml"
     ///
     /// [[target]]                     # one per view
-    /// picture = "photo.exr"          # or a PNG, which is decoded from sRGB
+    /// picture = "photo.exr"          # or a PNG, JPEG, TIFF or HDR; integers are decoded from sRGB
     /// camera = "main"                # of the scene; or view = { position = [...], ... } as in a scene file
     /// mask = "mask.png"              # white counts, black does not
     /// weight = 1
-    /// white = 1                      # radiance of white in a PNG, W/(m² sr)
-    /// clipped = "ignore"             # clipped PNG pixels; or "use"
+    /// white = 1                      # radiance of white in integer formats, W/(m² sr)
+    /// clipped = "ignore"             # pixels at the end of an integer format; or "use"
+    /// layer = "ViewLayer.Combined"   # of an EXR with several
+    ///
+    /// [[target]]                     # one for each frame of a set of photographs
+    /// cameras = "transforms.json"    # or the folder of COLMAP's model
+    /// images = "photos"              # default: beside the JSON file; COLMAP's folder `images`
+    /// suffix = ".exr"                # in place of that in the set
+    /// every = 2                      # each second frame
+    /// frames = ["r_0", "r_7"]        # or these
+    /// mask = "masks/{name}.png"
+    /// scale = 0.5                    # 1 over a whole number
+    /// transform = [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]] # from the set's world to the scene's
     ///
     /// [[fit]]
     /// parameter = "albedo"           # or "emission", "diffuse", "specular", "power", "position"
@@ -237,11 +225,10 @@ impl JobFile {
                 .error("no [[fit]]; say what to fit, for example parameter = \"albedo\"")
                 .into());
         }
-        let targets = table
-            .target
-            .iter()
-            .map(|target| read_target(&file, target, &scene, &mut warnings))
-            .collect::<Result<Vec<_>, _>>()?;
+        let mut targets = Vec::new();
+        for target in &table.target {
+            targets.extend(read_targets(&file, target, &scene, &mut warnings)?);
+        }
         let place_of = |spanned: std::ops::Range<usize>| file.place(spanned);
         let fits = table
             .fit
@@ -300,82 +287,6 @@ impl JobFile {
         })?;
         Ok(Self { job, scene_file, stop, checkpoint_every, warnings })
     }
-}
-
-fn read_target(
-    file: &TomlFile,
-    table: &Spanned<TargetTable>,
-    scene: &Scene,
-    warnings: &mut Vec<String>,
-) -> Result<Target, FitError> {
-    let place = file.place(table.span());
-    let table = table.get_ref();
-    let camera: Camera = match (&table.camera, &table.view) {
-        (Some(name), None) => {
-            let known = scene.cameras.iter().map(|c| c.name.as_str());
-            let place = file.place(name.span());
-            let name = name.get_ref();
-            scene.camera(name).cloned().ok_or_else(|| place.error(unknown("camera", name, known)))?
-        }
-        (None, Some(view)) => {
-            let place = file.place(view.span());
-            let stem = table.picture.get_ref().file_stem().unwrap_or_default();
-            let camera = view.get_ref().camera(stem.to_string_lossy().into_owned(), place)?;
-            camera.check().map_err(|error| place.error(error.to_string()))?;
-            camera
-        }
-        (Some(_), Some(_)) => {
-            return Err(place.error("a target has either `camera` or `view`, not both").into());
-        }
-        (None, None) => match scene.cameras.as_slice() {
-            [only] => only.clone(),
-            _ => {
-                let names: Vec<_> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
-                let names = names.join(", ");
-                return Err(place
-                    .error(format!("which camera took the picture? Add `camera = \"NAME\"`: {names}"))
-                    .into());
-            }
-        },
-    };
-    let white = match &table.white {
-        Some(white) => {
-            positive("white", Some(*white.get_ref()), file.place(white.span()))?;
-            *white.get_ref()
-        }
-        None => 1.0,
-    };
-    let blame = file.place(table.picture.span());
-    let path = file.beside(table.picture.get_ref());
-    let picture = TargetPicture::read(&path, white).map_err(|error| blame.error(error.to_string()))?;
-    picture.check_size(&camera).map_err(|error| blame.error(format!("{}: {error}", path.display())))?;
-    let mut mask = match &table.mask {
-        Some(mask) => {
-            let path = file.beside(mask.get_ref());
-            let error = |error: String| file.place(mask.span()).error(error);
-            Some(read_mask(&path, &camera).map_err(|e| error(e.to_string()))?)
-        }
-        None => None,
-    };
-    if table.clipped != Some(Clipped::Use) && picture.clipped.contains(&true) {
-        let mask = mask.get_or_insert_with(|| vec![1.0; picture.pixels.len()]);
-        let mut count = 0;
-        for (mask, _) in
-            mask.iter_mut().zip(&picture.clipped).filter(|(mask, clipped)| **clipped && **mask > 0.0)
-        {
-            *mask = 0.0;
-            count += 1;
-        }
-        if count > 0 {
-            warnings.push(format!(
-                "{}: {count} clipped pixels are ignored, as the true values may be brighter; clipped = \"use\" uses them.",
-                path.display()
-            ));
-        }
-    }
-    let weight = table.weight.unwrap_or(1.0);
-    Target::new(camera, picture.pixels, mask, weight)
-        .map_err(|error| blame.error(format!("{}: {error}", path.display())).into())
 }
 
 impl FitTable {
@@ -516,7 +427,7 @@ impl SolveTable {
     }
 }
 
-fn positive(what: &str, number: Option<f64>, place: Place) -> Result<(), SceneError> {
+pub(super) fn positive(what: &str, number: Option<f64>, place: Place) -> Result<(), SceneError> {
     match number {
         Some(number) if !(number > 0.0 && number.is_finite()) => {
             Err(place.error(format!("{what} = {number}; it must be above 0, and finite")))

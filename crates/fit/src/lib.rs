@@ -17,6 +17,7 @@ mod loss;
 mod motion;
 pub mod optimiser;
 mod parameters;
+mod photographs;
 mod problem;
 mod regulariser;
 mod renderer;
@@ -25,6 +26,7 @@ mod selection;
 mod settings;
 mod status;
 mod target;
+mod target_table;
 mod trail;
 
 pub use antirad_render::render::{CameraGradient, Quantity, SceneGradient};

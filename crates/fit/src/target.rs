@@ -1,7 +1,7 @@
 //! Target of a view: a picture, its camera, and which of its pixels count.
 
 use super::exposure::Exposure;
-use antirad_render::image::Picture;
+use antirad_render::image::{ImageError, Photo, PhotoMask};
 use antirad_scene::Camera;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -18,15 +18,9 @@ pub enum TargetError {
         /// Error of the reader.
         reason: String,
     },
-    /// The extension of a file is not that of a known format.
-    #[error("{}: neither .exr nor .png; give a picture in one of these formats", path.display())]
-    Format {
-        /// The file.
-        path: PathBuf,
-    },
     #[error(
-        "{what} is {got_width} x {got_height} pixels, but camera \"{camera}\" takes {width} x {height}; change the \
-         camera's width and height, or scale the picture"
+        "{what} is {got_width} x {got_height} pixels, but camera \"{camera}\" takes {width} x {height}; give it that size or a \
+         whole multiple of it, or change the camera's width and height"
     )]
     /// A picture or mask differs in size from the camera's pictures.
     Size {
@@ -73,6 +67,16 @@ pub enum TargetError {
     Weight(f64),
 }
 
+impl TargetError {
+    /// The message, with the file once.
+    pub(super) fn of(&self, path: &Path) -> String {
+        match self {
+            Self::Read { .. } => self.to_string(),
+            _ => format!("{}: {self}", path.display()),
+        }
+    }
+}
+
 /// A validated target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
@@ -88,6 +92,9 @@ pub struct Target {
     pub clip: Option<f64>,
     /// What of the relation between radiance and the picture's numbers is unknown.
     pub exposure: Exposure,
+    /// How bright the camera's settings make the picture, up to a factor that pictures of one camera share: exposure time in seconds times
+    /// ISO over the square of the f-number, where the file of a photograph has them.
+    pub exposure_guess: Option<f64>,
 }
 
 impl Target {
@@ -127,7 +134,7 @@ impl Target {
             return Err(TargetError::Weight(weight));
         }
         let exposure = Exposure::default();
-        let target = Self { camera, pixels, mask, weight, clip: None, exposure };
+        let target = Self { camera, pixels, mask, weight, clip: None, exposure, exposure_guess: None };
         if target.mask_sum() == 0.0 {
             return Err(TargetError::Nothing);
         }
@@ -179,37 +186,29 @@ pub struct TargetPicture {
 }
 
 impl TargetPicture {
-    /// Reads an EXR, or a PNG of 8 or 16 bits a channel.
+    /// Reads an EXR, or a PNG, JPEG, TIFF or Radiance HDR; JPEG upright, as its EXIF data say.
     ///
-    /// EXR is linear. PNG is decoded from sRGB to linear, and its white becomes radiance `white`, W/(m² sr); an alpha
-    /// channel is ignored.
+    /// Float formats are linear. Integer ones are decoded from sRGB to linear, and their white becomes radiance `white`, W/(m² sr); an
+    /// alpha channel is ignored.
     ///
     /// # Errors
-    /// Fails if the file cannot be read, or is neither an EXR nor a PNG.
+    /// Fails if the file cannot be read, is in no known format, or is an EXR with several layers, none of them without a name.
     pub fn read(path: &Path, white: f64) -> Result<Self, TargetError> {
-        let read = |reason: String| TargetError::Read { path: path.to_path_buf(), reason };
-        match extension(path).as_deref() {
-            Some("exr") => {
-                let picture = Picture::read_exr(path).map_err(|error| read(error.to_string()))?;
-                let pixels = picture.pixels.iter().map(|&[r, g, b, _]| DVec3::from([r, g, b].map(f64::from)));
-                let (width, height) = (picture.width, picture.height);
-                Ok(Self {
-                    width,
-                    height,
-                    pixels: pixels.collect(),
-                    clipped: vec![false; picture.pixels.len()],
-                })
-            }
-            Some("png") => {
-                let picture = open_png(path).map_err(read)?.into_rgb16();
-                let (width, height) = picture.dimensions();
-                let clipped = picture.pixels().map(|p| p.0.contains(&u16::MAX)).collect();
-                let linear = |v: u16| white * linear(f64::from(v) / f64::from(u16::MAX));
-                let pixels = picture.pixels().map(|p| DVec3::from(p.0.map(linear))).collect();
-                Ok(Self { width, height, pixels, clipped })
-            }
-            _ => Err(TargetError::Format { path: path.to_path_buf() }),
-        }
+        Self::read_layer(path, white, None)
+    }
+
+    /// Reads a layer of an EXR, such as `ViewLayer.Combined`.
+    ///
+    /// # Errors
+    /// Fails if the file cannot be read, or has no such layer.
+    pub fn read_layer(path: &Path, white: f64, layer: Option<&str>) -> Result<Self, TargetError> {
+        let photo = Photo::read(path, layer).map_err(unreadable)?;
+        Ok(Self {
+            width: photo.width,
+            height: photo.height,
+            pixels: radiance(&photo, white),
+            clipped: photo.clipped,
+        })
     }
 
     /// Checks that the picture has the size of the camera's pictures.
@@ -217,68 +216,66 @@ impl TargetPicture {
     /// # Errors
     /// Fails if the size differs.
     pub fn check_size(&self, camera: &Camera) -> Result<(), TargetError> {
-        check_size("the picture", (self.width, self.height), camera)
+        match (self.width, self.height) == (camera.width, camera.height) {
+            true => Ok(()),
+            false => Err(wrong_size("the picture", [self.width, self.height], camera)),
+        }
     }
 }
 
-/// Reads a mask of a camera's size: the values of a PNG from 0 (black) to 1 (white), not decoded, or the red channel of
-/// an EXR.
+/// Reads a mask of a camera's size, or averages one of a multiple of it: the values of a picture from 0 (black) to 1 (white), not
+/// decoded, or the red channel of a float format.
 ///
 /// # Errors
-/// Fails if the file cannot be read, is neither an EXR nor a PNG, or differs in size from the camera's
+/// Fails if the file cannot be read, is in no known format, or if its size is no multiple of that of the camera's
 /// pictures.
 pub fn read_mask(path: &Path, camera: &Camera) -> Result<Vec<f64>, TargetError> {
-    let read = |reason: String| TargetError::Read { path: path.to_path_buf(), reason };
-    let (size, mask): (_, Vec<f64>) = match extension(path).as_deref() {
-        Some("exr") => {
-            let picture = Picture::read_exr(path).map_err(|error| read(error.to_string()))?;
-            ((picture.width, picture.height), picture.pixels.iter().map(|p| f64::from(p[0])).collect())
-        }
-        Some("png") => {
-            let picture = open_png(path).map_err(read)?.into_luma16();
-            let value = |p: &image::Luma<u16>| f64::from(p.0[0]) / f64::from(u16::MAX);
-            (picture.dimensions(), picture.pixels().map(value).collect())
-        }
-        _ => return Err(TargetError::Format { path: path.to_path_buf() }),
-    };
-    check_size("the mask", size, camera)?;
+    let mask = open_mask(path)?;
+    let fitting = mask.averaged(camera.width, camera.height);
+    let fitting = fitting.ok_or_else(|| wrong_size("the mask", [mask.width, mask.height], camera))?;
+    Ok(weights(&fitting))
+}
+
+/// Reads a mask and checks its values, which means would hide.
+pub(super) fn open_mask(path: &Path) -> Result<PhotoMask, TargetError> {
+    let mask = PhotoMask::read(path).map_err(unreadable)?;
+    if let Some(at) = mask.values.iter().position(|value| !(0.0..=1.0).contains(value)) {
+        let width = mask.width as usize;
+        return Err(TargetError::Mask { x: at % width, y: at / width, value: mask.values[at].into() });
+    }
     Ok(mask)
 }
 
-fn check_size(
-    what: &'static str,
-    (got_width, got_height): (u32, u32),
-    camera: &Camera,
-) -> Result<(), TargetError> {
-    let &Camera { width, height, .. } = camera;
-    match (got_width, got_height) == (width, height) {
-        true => Ok(()),
-        false => {
-            let camera = camera.name.clone();
-            Err(TargetError::Size { what, got_width, got_height, camera, width, height })
-        }
+pub(super) fn weights(mask: &PhotoMask) -> Vec<f64> {
+    mask.values.iter().map(|&value| value.into()).collect()
+}
+
+/// The radiance of a picture, with that of white in an integer format.
+pub(super) fn radiance(photo: &Photo, white: f64) -> Vec<DVec3> {
+    let factor = if photo.ends_at_white { white } else { 1.0 };
+    photo.pixels.iter().map(|pixel| factor * DVec3::from(pixel.map(f64::from))).collect()
+}
+
+pub(super) fn unreadable(error: ImageError) -> TargetError {
+    match error {
+        ImageError::Photo { path, reason } => TargetError::Read { path, reason },
+        other => TargetError::Read { path: PathBuf::new(), reason: other.to_string() },
     }
 }
 
-fn extension(path: &Path) -> Option<String> {
-    path.extension().and_then(|end| end.to_str()).map(str::to_ascii_lowercase)
-}
-
-fn open_png(path: &Path) -> Result<image::DynamicImage, String> {
-    let file = antirad_base::input::open(path).map_err(|error| error.to_string())?;
-    let reader = image::ImageReader::with_format(std::io::BufReader::new(file), image::ImageFormat::Png);
-    reader.decode().map_err(|error| error.to_string())
-}
-
-/// The inverse of the transfer curve of IEC 61966-2-1.
-fn linear(srgb: f64) -> f64 {
-    if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
+pub(super) fn wrong_size(
+    what: &'static str,
+    [got_width, got_height]: [u32; 2],
+    camera: &Camera,
+) -> TargetError {
+    let &Camera { width, height, .. } = camera;
+    TargetError::Size { what, got_width, got_height, camera: camera.name.clone(), width, height }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use antirad_render::image::{Exposure, ToneMap};
+    use antirad_render::image::{Exposure, Picture, ToneMap};
 
     fn camera(width: u32, height: u32) -> Camera {
         Camera { width, height, ..Camera::framing(&[]) }
@@ -325,9 +322,9 @@ mod tests {
         let path = folder.path().join("p.png");
         std::fs::write(&path, "no picture").expect("written");
         for (path, part) in [
-            (path.clone(), "cannot be read as a picture"),
+            (path.clone(), "none of EXR, PNG"),
             (path.with_extension("exr"), "cannot be read"),
-            (path.with_extension("jpg"), "neither .exr nor .png"),
+            (folder.path().join("none.jpg"), "No such file"),
         ] {
             let message = TargetPicture::read(&path, 1.0).expect_err(part).to_string();
             assert!(message.contains(part) && message.contains(&path.display().to_string()), "{message}");

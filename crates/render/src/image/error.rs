@@ -78,6 +78,15 @@ pub enum ImageError {
         /// The reason, from the reader of the file.
         reason: String,
     },
+
+    /// A file cannot be read as a picture of any format.
+    #[error("{}: cannot be read as a picture: {reason}", path.display())]
+    Photo {
+        /// The file.
+        path: PathBuf,
+        /// The reason, and the remedy.
+        reason: String,
+    },
 }
 
 impl ImageError {

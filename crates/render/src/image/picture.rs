@@ -17,7 +17,7 @@ use super::{ImageError, ToneMap};
 use antirad_base::output::atomic_write;
 
 /// Largest number of pixels that is read, 16384 x 16384 as for cameras, since a header can claim anything.
-const MAX_PIXELS: usize = 1 << 28;
+pub(super) const MAX_PIXELS: usize = 1 << 28;
 
 /// Radiance per pixel, W/(m² sr).
 #[derive(Clone, Debug, PartialEq)]

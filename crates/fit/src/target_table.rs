@@ -1,0 +1,469 @@
+//! `[[target]]` of job files: a picture with its camera, or a set of photographs.
+
+use super::job::FitError;
+use super::job_file::positive;
+use super::photographs::Photographs;
+use super::selection::unknown;
+use super::target::{Target, TargetError, open_mask, radiance, unreadable, weights, wrong_size};
+use antirad_render::image::{Photo, PhotoMask};
+use antirad_scene::{Camera, CameraSet, CameraTable, Place, Scene, SceneError, Similarity, TomlFile};
+use serde::Deserialize;
+use std::path::PathBuf;
+use toml::Spanned;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TargetTable {
+    picture: Option<Spanned<PathBuf>>,
+    camera: Option<Spanned<String>>,
+    view: Option<Spanned<CameraTable>>,
+    cameras: Option<Spanned<PathBuf>>,
+    images: Option<Spanned<PathBuf>>,
+    suffix: Option<Spanned<String>>,
+    every: Option<Spanned<usize>>,
+    frames: Option<Spanned<Vec<String>>>,
+    scale: Option<Spanned<f64>>,
+    transform: Option<Spanned<Vec<Vec<f64>>>>,
+    layer: Option<String>,
+    mask: Option<Spanned<PathBuf>>,
+    weight: Option<f64>,
+    white: Option<Spanned<f64>>,
+    clipped: Option<Clipped>,
+}
+
+/// How to treat clipped pixels of integer formats.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Clipped {
+    #[default]
+    Ignore,
+    Use,
+}
+
+/// What all pictures of a table have in common.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Treatment {
+    /// Radiance of white in an integer format.
+    pub white: f64,
+    pub clipped: Clipped,
+    /// Of each view.
+    pub weight: f64,
+}
+
+impl Treatment {
+    /// A target from a picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored.
+    pub fn target(
+        &self,
+        photo: &Photo,
+        mask: Option<Vec<f64>>,
+        camera: Camera,
+    ) -> Result<(Target, usize), TargetError> {
+        let mut mask = mask;
+        let mut ignored = 0;
+        if self.clipped != Clipped::Use && photo.clipped.contains(&true) {
+            let mask = mask.get_or_insert_with(|| vec![1.0; photo.pixels.len()]);
+            let clipped = mask.iter_mut().zip(&photo.clipped).filter(|(_, clipped)| **clipped);
+            for (mask, _) in clipped.filter(|(mask, _)| **mask > 0.0) {
+                *mask = 0.0;
+                ignored += 1;
+            }
+        }
+        let mut target = Target::new(camera, radiance(photo, self.white), mask, self.weight)?;
+        target.exposure_guess = photo.exposure;
+        Ok((target, ignored))
+    }
+}
+
+/// The targets of a table.
+pub(super) fn read_targets(
+    file: &TomlFile,
+    table: &Spanned<TargetTable>,
+    scene: &Scene,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Target>, FitError> {
+    let place = file.place(table.span());
+    let table = table.get_ref();
+    let white = match &table.white {
+        Some(white) => {
+            positive("white", Some(*white.get_ref()), file.place(white.span()))?;
+            *white.get_ref()
+        }
+        None => 1.0,
+    };
+    let clipped = table.clipped.unwrap_or_default();
+    let treatment = Treatment { white, clipped, weight: table.weight.unwrap_or(1.0) };
+    match (&table.cameras, &table.picture) {
+        (Some(cameras), None) => read_set(file, table, cameras, &treatment, warnings),
+        (None, Some(picture)) => {
+            read_picture(file, table, picture, scene, place, &treatment, warnings).map(|target| vec![target])
+        }
+        (Some(_), Some(picture)) => Err(file
+            .place(picture.span())
+            .error("a target has either `picture` or `cameras`, not both; `images` is the folder of a set's pictures")
+            .into()),
+        (None, None) => Err(place
+            .error("which picture? Add `picture = \"FILE\"`, or `cameras = \"transforms.json\"` for a set of photographs")
+            .into()),
+    }
+}
+
+fn read_picture(
+    file: &TomlFile,
+    table: &TargetTable,
+    picture: &Spanned<PathBuf>,
+    scene: &Scene,
+    place: Place,
+    treatment: &Treatment,
+    warnings: &mut Vec<String>,
+) -> Result<Target, FitError> {
+    let of_sets = [
+        ("images", table.images.as_ref().map(Spanned::span)),
+        ("suffix", table.suffix.as_ref().map(Spanned::span)),
+        ("every", table.every.as_ref().map(Spanned::span)),
+        ("frames", table.frames.as_ref().map(Spanned::span)),
+        ("scale", table.scale.as_ref().map(Spanned::span)),
+        ("transform", table.transform.as_ref().map(Spanned::span)),
+    ];
+    if let Some((key, span)) = of_sets.into_iter().find_map(|(key, span)| Some((key, span?))) {
+        return Err(file
+            .place(span)
+            .error(format!("`{key}` is for sets of photographs, with `cameras`; remove it"))
+            .into());
+    }
+    let camera = choose_camera(file, table, picture, scene, place)?;
+    let blame = file.place(picture.span());
+    let path = file.beside(picture.get_ref());
+    let of_picture = |error: TargetError| blame.error(error.of(&path));
+    let photo = Photo::read(&path, table.layer.as_deref()).map_err(|error| of_picture(unreadable(error)))?;
+    let mask = match &table.mask {
+        Some(mask) => {
+            let path = file.beside(mask.get_ref());
+            let error = |error: TargetError| file.place(mask.span()).error(error.of(&path));
+            let mask = open_mask(&path).map_err(error)?;
+            if mask.averaged(camera.width, camera.height).is_none() {
+                return Err(error(wrong_size("the mask", [mask.width, mask.height], &camera)).into());
+            }
+            Some(mask)
+        }
+        None => None,
+    };
+    let size = [photo.width, photo.height];
+    let (photo, mask) = averaged(&photo, mask.as_ref(), &camera)
+        .ok_or_else(|| of_picture(wrong_size("the picture", size, &camera)))?;
+    let (target, ignored) = treatment.target(&photo, mask, camera).map_err(of_picture)?;
+    if ignored > 0 {
+        warnings.push(format!(
+            "{}: {ignored} clipped pixels are ignored, as the true values may be brighter; clipped = \"use\" uses them.",
+            path.display()
+        ));
+    }
+    Ok(target)
+}
+
+/// A photo and its mask at the camera's size; `None` if that of one of them is no multiple of it.
+pub(super) fn averaged(
+    photo: &Photo,
+    mask: Option<&PhotoMask>,
+    camera: &Camera,
+) -> Option<(Photo, Option<Vec<f64>>)> {
+    let (width, height) = (camera.width, camera.height);
+    let alike = mask.filter(|mask| (mask.width, mask.height) == (photo.width, photo.height));
+    let (photo, both) = photo.averaged(alike, width, height)?;
+    let mask = match (both, mask) {
+        (Some(mask), _) => Some(mask),
+        (None, Some(mask)) => Some(mask.averaged(width, height)?),
+        (None, None) => None,
+    };
+    Some((photo, mask.as_ref().map(weights)))
+}
+
+fn choose_camera(
+    file: &TomlFile,
+    table: &TargetTable,
+    picture: &Spanned<PathBuf>,
+    scene: &Scene,
+    place: Place,
+) -> Result<Camera, SceneError> {
+    match (&table.camera, &table.view) {
+        (Some(name), None) => {
+            let known = scene.cameras.iter().map(|c| c.name.as_str());
+            let place = file.place(name.span());
+            let name = name.get_ref();
+            scene.camera(name).cloned().ok_or_else(|| place.error(unknown("camera", name, known)))
+        }
+        (None, Some(view)) => {
+            let place = file.place(view.span());
+            let stem = picture.get_ref().file_stem().unwrap_or_default();
+            let camera = view.get_ref().camera(stem.to_string_lossy().into_owned(), place)?;
+            camera.check().map_err(|error| place.error(error.to_string()))?;
+            Ok(camera)
+        }
+        (Some(_), Some(_)) => Err(place.error("a target has either `camera` or `view`, not both")),
+        (None, None) => match scene.cameras.as_slice() {
+            [only] => Ok(only.clone()),
+            _ => {
+                let names: Vec<_> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
+                let names = names.join(", ");
+                Err(place.error(format!("which camera took the picture? Add `camera = \"NAME\"`: {names}")))
+            }
+        },
+    }
+}
+
+fn read_set(
+    file: &TomlFile,
+    table: &TargetTable,
+    cameras: &Spanned<PathBuf>,
+    treatment: &Treatment,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Target>, FitError> {
+    let place = file.place(cameras.span());
+    let of_pictures = [
+        ("camera", table.camera.as_ref().map(Spanned::span)),
+        ("view", table.view.as_ref().map(Spanned::span)),
+    ];
+    if let Some((key, span)) = of_pictures.into_iter().find_map(|(key, span)| Some((key, span?))) {
+        let message =
+            format!("`{key}` is for one picture; `cameras` has a camera for each; remove one of the two");
+        return Err(file.place(span).error(message).into());
+    }
+    let mut set =
+        CameraSet::read(&file.beside(cameras.get_ref())).map_err(|error| place.error(error.to_string()))?;
+    choose_frames(file, table, &mut set)?;
+    if let Some(rows) = &table.transform {
+        let to_scene = Similarity::from_rows(rows.get_ref())
+            .map_err(|message| file.place(rows.span()).error(format!("transform: {message}")))?;
+        set.frames.iter_mut().for_each(|frame| frame.transform(&to_scene));
+    }
+    let shrink = match &table.scale {
+        Some(scale) => shrink(*scale.get_ref()).map_err(|message| file.place(scale.span()).error(message))?,
+        None => 1,
+    };
+    let photographs = Photographs {
+        set: &set,
+        folder: table.images.as_ref().map(|folder| file.beside(folder.get_ref())),
+        suffix: table.suffix.as_ref().map(|suffix| suffix.get_ref().as_str()),
+        mask: table.mask.as_ref().map(|mask| file.beside(mask.get_ref())),
+        layer: table.layer.as_deref(),
+        shrink,
+        treatment: *treatment,
+    };
+    let read = photographs.read().map_err(|message| place.error(message))?;
+    let clipped: Vec<usize> =
+        read.iter().map(|(_, ignored)| *ignored).filter(|ignored| *ignored > 0).collect();
+    if !clipped.is_empty() {
+        warnings.push(format!(
+            "{}: {} clipped pixels in {} of {} pictures are ignored, as the true values may be brighter; clipped = \"use\" uses them.",
+            set.path.display(),
+            clipped.iter().sum::<usize>(),
+            clipped.len(),
+            read.len()
+        ));
+    }
+    Ok(read.into_iter().map(|(target, _)| target).collect())
+}
+
+fn choose_frames(file: &TomlFile, table: &TargetTable, set: &mut CameraSet) -> Result<(), SceneError> {
+    match (&table.frames, &table.every) {
+        (Some(_), Some(every)) => {
+            Err(file.place(every.span()).error("a target has either `every` or `frames`, not both"))
+        }
+        (None, Some(every)) if *every.get_ref() == 0 => {
+            Err(file.place(every.span()).error("every = 0; it must be 1 or more frames"))
+        }
+        (None, every) => {
+            let every = every.as_ref().map_or(1, |every| *every.get_ref());
+            set.frames = std::mem::take(&mut set.frames).into_iter().step_by(every).collect();
+            Ok(())
+        }
+        (Some(names), None) => {
+            let place = file.place(names.span());
+            if names.get_ref().is_empty() {
+                return Err(place.error("`frames` is empty; name at least one, or leave it out for all"));
+            }
+            let find = |name: &String| {
+                let known = set.frames.iter().map(|frame| frame.name.as_str());
+                set.frame(name).cloned().ok_or_else(|| place.error(unknown("frame", name, known)))
+            };
+            set.frames = names.get_ref().iter().map(find).collect::<Result<_, _>>()?;
+            Ok(())
+        }
+    }
+}
+
+/// One over a scale.
+fn shrink(scale: f64) -> Result<u32, String> {
+    let shrink = (1.0 / scale).round();
+    match (1.0..=1024.0).contains(&shrink) && (shrink * scale - 1.0).abs() < 1e-3 {
+        true => Ok(shrink as u32),
+        false => Err(format!("scale = {scale}; it must be 1 over a whole number: 0.5, 0.25, 0.125 …")),
+    }
+}
+#[cfg(test)]
+mod tests {
+    use crate::JobFile;
+    use antirad_render::image::Picture;
+    use std::path::Path;
+    use tempfile::TempDir;
+
+    const SCENE: &str =
+        "[[mesh]]\nshape = { kind = \"quad\" }\nmaterial = \"m\"\n[material.m]\n[sky]\nradiance = 1\n";
+
+    /// Two frames of 8 x 6 pixels, as floats and as bytes.
+    fn folder() -> TempDir {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = folder.path();
+        std::fs::write(at.join("s.toml"), SCENE).expect("written");
+        for (name, factor) in [("a", 1.0), ("b", 3.0)] {
+            let pixels =
+                (0..48).map(|k| [factor * (k % 8) as f32, factor * (k / 8) as f32, 1.0, 1.0]).collect();
+            let picture = Picture { width: 8, height: 6, pixels };
+            picture.write_exr(at.join(format!("{name}.exr"))).expect("written");
+            image::RgbImage::from_fn(8, 6, |x, y| image::Rgb([if (x, y) == (7, 5) { 255 } else { 128 }; 3]))
+                .save_with_format(at.join(format!("{name}.PNG")), image::ImageFormat::Png)
+                .expect("written");
+        }
+        std::fs::write(at.join("t.json"), transforms("\"fl_x\": 8, \"w\": 8, \"h\": 6")).expect("written");
+        folder
+    }
+
+    fn transforms(lens: &str) -> String {
+        let frame = |name: &str, x: f64| {
+            format!(
+                "{{\"file_path\": \"{name}\", \"transform_matrix\": [[1, 0, 0, {x}], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]}}"
+            )
+        };
+        format!("{{{lens}, \"frames\": [{}, {}]}}", frame("./a", 0.0), frame("./b", 1.0))
+    }
+
+    fn load(folder: &Path, target: &str) -> Result<JobFile, String> {
+        let job = format!("scene = \"s.toml\"\n[[fit]]\nparameter = \"albedo\"\n[[target]]\n{target}");
+        std::fs::write(folder.join("j.toml"), job).expect("written");
+        JobFile::load(&folder.join("j.toml")).map_err(|error| error.to_string())
+    }
+
+    fn refused(folder: &Path, target: &str, parts: &[&str]) {
+        let error = load(folder, target).err().unwrap_or_else(|| panic!("{target} is taken"));
+        for part in parts {
+            assert!(error.contains(part), "{error} lacks {part}");
+        }
+    }
+
+    #[test]
+    fn each_frame_is_a_target() {
+        let folder = folder();
+        let file = load(folder.path(), "cameras = \"t.json\"\nsuffix = \"exr\"\nweight = 2").expect("a job");
+        let targets = &file.job.problem().targets;
+        let names: Vec<&str> = targets.iter().map(|target| target.camera.name.as_str()).collect();
+        assert_eq!(names, ["a", "b"]);
+        assert_eq!(targets[1].camera.position.to_array(), [1.0, 0.0, 2.0]);
+        assert_eq!(targets[1].camera.target.to_array(), [1.0, 0.0, 1.0]);
+        assert!((targets[0].camera.fov_x_degrees - 2.0 * 0.5_f64.atan().to_degrees()).abs() < 1e-9);
+        assert_eq!((targets[1].pixels[9].to_array(), targets[1].weight), ([3.0, 3.0, 1.0], 2.0));
+        assert!(
+            targets[0].mask.is_none() && file.warnings.iter().all(|warning| !warning.contains("clipped"))
+        );
+        // Without suffix, the PNGs go first, whatever their case.
+        let file = load(folder.path(), "cameras = \"t.json\"\nwhite = 5\nframes = [\"b\"]").expect("a job");
+        let target = &file.job.problem().targets[0];
+        assert!((target.pixels[0].x - 5.0 * 0.215_86).abs() < 1e-3);
+        assert_eq!((target.mask_at(0), target.mask_at(47)), (1.0, 0.0));
+        assert!(file.warnings.iter().any(|warning| warning.contains("1 clipped pixels in 1 of 1 pictures")));
+    }
+
+    #[test]
+    fn sets_are_scaled_moved_and_masked() {
+        let folder = folder();
+        image::GrayImage::from_fn(8, 6, |x, _| image::Luma([if x == 0 { 0 } else { 255 }]))
+            .save(folder.path().join("m_b.png"))
+            .expect("written");
+        let keys = "cameras = \"t.json\"\nsuffix = \".exr\"\nscale = 0.5\nframes = [\"b\"]\nmask = \"m_{name}.png\"\n\
+                    transform = [[0, 0, 2, 0], [2, 0, 0, 0], [0, 2, 0, 1]]";
+        let file = load(folder.path(), keys).expect("a job");
+        let target = &file.job.problem().targets[0];
+        assert_eq!((target.camera.width, target.camera.height), (4, 3));
+        assert!((target.camera.fov_x_degrees - 2.0 * 0.5_f64.atan().to_degrees()).abs() < 1e-9);
+        assert_eq!(target.camera.position.to_array(), [4.0, 2.0, 1.0]);
+        assert_eq!((target.camera.target - target.camera.position).to_array(), [-1.0, 0.0, 0.0]);
+        assert_eq!(target.camera.up.to_array(), [0.0, 0.0, 1.0]);
+        // The left half of the first pixel is masked out.
+        assert_eq!(target.pixels[0].to_array(), [3.0, 1.5, 1.0]);
+        assert_eq!((target.mask_at(0), target.mask_at(1)), (0.5, 1.0));
+        let file = load(folder.path(), "cameras = \"t.json\"\nevery = 2").expect("a job");
+        assert_eq!(file.job.problem().targets.len(), 1);
+    }
+
+    /// A lens that is no centred pinhole: the picture is resampled, and what it does not cover is masked out.
+    #[test]
+    fn other_lenses_are_resampled() {
+        let folder = folder();
+        std::fs::write(
+            folder.path().join("t.json"),
+            transforms("\"fl_x\": 8, \"w\": 8, \"h\": 6, \"cx\": 5"),
+        )
+        .expect("written");
+        let file =
+            load(folder.path(), "cameras = \"t.json\"\nsuffix = \".exr\"\nframes = [\"a\"]").expect("a job");
+        let target = &file.job.problem().targets[0];
+        assert!((target.camera.fov_x_degrees - 2.0 * 0.625_f64.atan().to_degrees()).abs() < 1e-9);
+        // The middle of the new picture is at 5, 3 of the old one: between columns 4 and 5, of values 4 and 5.
+        let mean = f64::midpoint(target.pixels[3 * 8 + 3].x, target.pixels[3 * 8 + 4].x);
+        assert!((mean - 4.5).abs() < 1e-6, "{mean}");
+        assert_eq!((target.mask_at(3 * 8 + 7), target.mask_at(3 * 8)), (0.0, 1.0));
+    }
+
+    #[test]
+    fn pictures_of_a_multiple_are_averaged() {
+        let folder = folder();
+        let view = |width: u32| {
+            format!(
+                "picture = \"b.exr\"\nview = {{ position = [0, 0, 2], target = [0, 0, 0], fov_x_degrees = 50, width = {width}, height = 3 }}"
+            )
+        };
+        let file = load(folder.path(), &view(4)).expect("a job");
+        assert_eq!(file.job.problem().targets[0].pixels[5].to_array(), [7.5, 7.5, 1.0]);
+        refused(folder.path(), &view(5), &["j.toml:5", "b.exr", "8 x 6", "5 x 3", "multiple"]);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_set() {
+        let folder = folder();
+        let at = folder.path();
+        let set = "cameras = \"t.json\"\n";
+        let with = |keys: &str| format!("{set}{keys}");
+        refused(at, "weight = 1", &["j.toml:4", "which picture?", "cameras"]);
+        refused(at, &with("picture = \"a.exr\""), &["j.toml:6", "either `picture` or `cameras`"]);
+        refused(at, &with("camera = \"main\""), &["j.toml:6", "`camera`"]);
+        refused(at, "picture = \"a.exr\"\nscale = 0.5", &["j.toml:6", "`scale` is for sets"]);
+        refused(at, &with("every = 0"), &["j.toml:6", "every = 0"]);
+        refused(at, &with("every = 2\nframes = [\"a\"]"), &["j.toml:6", "not both"]);
+        refused(at, &with("frames = [\"c\"]"), &["j.toml:6", "frame", "\"c\""]);
+        refused(at, &with("frames = []"), &["j.toml:6", "empty"]);
+        refused(at, &with("scale = 0.7"), &["j.toml:6", "1 over a whole number"]);
+        refused(at, &with("scale = 0"), &["j.toml:6", "1 over a whole number"]);
+        refused(
+            at,
+            &with("transform = [[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0]]"),
+            &["j.toml:6", "similarity"],
+        );
+        refused(at, &with("suffix = \".jpg\""), &["j.toml:5", "t.json", "frame \"a\"", "a.jpg"]);
+        refused(
+            at,
+            &with("images = \"elsewhere\""),
+            &["j.toml:5", "frame \"a\"", "elsewhere/./a", "`images`"],
+        );
+        refused(at, &with("mask = \"{name}_m.png\""), &["j.toml:5", "frame \"a\"", "a_m.png"]);
+        refused(at, &with("layer = \"x\""), &["j.toml:5", "frame \"a\"", "a.PNG", "layer"]);
+        refused(at, &with("suffix = \".exr\"\nlayer = \"x\""), &["frame \"a\"", "a.exr", "no layer \"x\""]);
+        refused(at, "cameras = \"none.json\"", &["j.toml:5", "none.json", "cannot be read"]);
+        std::fs::write(at.join("b.exr"), "no picture").expect("written");
+        refused(at, &with("suffix = \".exr\""), &["j.toml:5", "frame \"b\"", "b.exr", "none of EXR"]);
+        std::fs::write(at.join("t.json"), transforms("\"fl_x\": 8, \"w\": 9, \"h\": 9")).expect("written");
+        refused(at, set, &["frame \"a\"", "a.PNG", "8 x 6", "9 x 9"]);
+        std::fs::write(at.join("t.json"), transforms("\"fl_x\": 8, \"w\": 80, \"h\": 60")).expect("written");
+        refused(at, set, &["frame \"a\"", "a.PNG", "8 x 6", "80 x 60", "add scale = 0.1"]);
+        // A picture that is small already, for a lens of its original.
+        let file = load(at, &with("scale = 0.1")).expect("a job");
+        assert_eq!(file.job.problem().targets[0].camera.width, 8);
+    }
+}
