@@ -269,15 +269,14 @@ fn close_to(name: &str, found: &[Vec<[f64; 3]>], wanted: &[Vec<[f64; 3]>], facto
 fn ranks_share_pictures() {
     let mut scene = load("scenes/fits/glossy.toml");
     scene.settings = scene.settings.bins(BinLayout::Concentric { n: 4 }).near_field(10.0).tolerance(1e-3);
-    let mut camera = scene.cameras[0].clone();
-    (camera.width, camera.height) = (24, 18);
+    scene.cameras.truncate(1);
+    (scene.cameras[0].width, scene.cameras[0].height) = (24, 18);
     let of_materials = GradientRequest::NOTHING.emission(true).albedo(true).specular(true).power(true);
     for (name, request) in [("rays", of_materials), ("bins", GradientRequest::EVERYTHING)] {
         let made = |backend: &Backend| -> Vec<Vec<[f64; 3]>> {
             let watch: Watch = Arc::new(|| ControlFlow::Continue(()));
             let mut renderer =
-                EngineRenderer::new(backend, scene.clone(), vec![camera.clone()], 2, request, watch)
-                    .expect("a renderer");
+                EngineRenderer::new(backend, scene.clone(), 2, request, watch).expect("a renderer");
             let pictures = renderer.pictures(&scene).expect("pictures");
             let weights = (0..pictures[0].len()).map(|k| DVec3::new(1.0, 0.5, 0.2) * (k as f64).sin());
             let by =
@@ -418,11 +417,11 @@ fn a_fit_that_loses_a_rank_is_gone_on_with() {
     for camera in &mut scene.cameras {
         (camera.width, camera.height) = (16, 12);
     }
-    let cameras = vec![scene.camera("one").expect("a camera").clone()];
+    let camera = scene.camera("one").expect("a camera").clone();
+    scene.cameras = vec![camera.clone()];
     let goes_on: Watch = Arc::new(|| ControlFlow::Continue(()));
     let renderer = |backend: &Backend, planning: &Scene, request| {
-        EngineRenderer::new(backend, planning.clone(), cameras.clone(), 2, request, goes_on.clone())
-            .expect("a renderer")
+        EngineRenderer::new(backend, planning.clone(), 2, request, goes_on.clone()).expect("a renderer")
     };
     let pictures = renderer(&backend(), &scene, GradientRequest::NOTHING).pictures(&scene).expect("pictures");
     let stop = StopRule::default().iterations(6).relative_decrease(0.0).gradient(0.0);
@@ -431,7 +430,7 @@ fn a_fit_that_loses_a_rank_is_gone_on_with() {
     let fit = |backend: &Backend, options: &RunOptions, last: u32| -> Result<Outcome, FitError> {
         let grey = Some(vec![String::from("grey")]);
         let fits = vec![Fit::new(Quantity::Albedo).materials(grey).initial(Some([0.3; 3]))];
-        let target = Target::new(cameras[0].clone(), pictures[0].clone(), None, 1.0).expect("a target");
+        let target = Target::new(camera.clone(), pictures[0].clone(), None, 1.0).expect("a target");
         let settings = Settings::new(fits).supersample(2);
         let mut job = Job::new("test", scene.clone(), vec![target], settings).expect("a job");
         let parameters = &job.problem().parameters;

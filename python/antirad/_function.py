@@ -48,10 +48,17 @@ class Function:
     def pull_back(self, values, cotangents):
         """Compute derivatives by the values from those by the pictures."""
         gradients = self.renderer.pull_back(cotangents, **dict(zip(self.kinds, values, strict=True)))
-        derivatives = [getattr(gradients, kind) for kind in self.kinds]
         return [
-            derivative.reshape(value.shape) for derivative, value in zip(derivatives, values, strict=True)
+            derivative(gradients, kind, value.shape) for kind, value in zip(self.kinds, values, strict=True)
         ]
+
+
+def derivative(gradients, kind, shape):
+    """Derivatives by values of a kind; those of cameras may be given without up."""
+    by_values = getattr(gradients, kind)
+    if kind == "camera":
+        by_values = by_values[:, : shape[-2]]
+    return by_values.reshape(shape)
 
 
 def given(**values):

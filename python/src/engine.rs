@@ -379,7 +379,7 @@ pub struct Gradients {
     power: Option<Py<PyAny>>,
     /// By the positions of vertices, float64 (V, 3), per metre.
     vertices: Option<Py<PyAny>>,
-    /// By position and target of each camera, float64 (n, 2, 3), per metre.
+    /// By position and target, per metre, and up of each camera, float64 (n, 3, 3).
     camera: Option<Py<PyAny>>,
 }
 
@@ -394,10 +394,10 @@ impl Gradients {
             let count = cameras.len();
             let flat = cameras
                 .into_iter()
-                .flat_map(|camera| [camera.position.into(), camera.target.into()])
+                .flat_map(|camera| [camera.position, camera.target, camera.up].map(Into::into))
                 .collect();
             let flat: Vec<[f64; 3]> = flat;
-            PyResult::Ok(arrays::array(py, flat.into_flattened(), &[count, 2, 3])?.unbind())
+            PyResult::Ok(arrays::array(py, flat.into_flattened(), &[count, 3, 3])?.unbind())
         });
         Ok(Self {
             emission: rows(emission)?,

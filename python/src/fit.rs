@@ -19,13 +19,15 @@ use std::path::PathBuf;
 /// A quantity to fit, where, and within which bounds.
 ///
 /// Args:
-///     quantity: "emission", "albedo", "diffuse", "specular", "power" or "position".
+///     quantity: "emission", "albedo", "diffuse", "specular", "power", "position" or "camera" (position and rotation).
 ///     materials: Names of materials; triangles with both a material and a mesh listed are fitted. None: all.
 ///     meshes: Names of meshes. None: all.
+///     cameras: Names of the cameras of targets, for "camera". None: all.
 ///     per: Which triangles share a value: "material", "mesh" or "triangle".
 ///     motion: How positions may change: "rigid", "translation", "scale", "similarity" or "vertices".
 ///     together: Whether the meshes move as one body.
-///     lower: Lower bound, one number or three, in the unit of the quantity; for positions of the displacement, metres.
+///     lower: Lower bound, one number or three, in the unit of the quantity; for positions and cameras of the displacement,
+///         metres.
 ///     upper: Upper bound.
 ///     initial: Initial value; by default the scene's.
 ///     max_rotation_degrees: Largest component of a rotation vector.
@@ -42,13 +44,14 @@ pub struct Fit {
 #[pymethods]
 impl Fit {
     #[new]
-    #[pyo3(signature = (quantity, *, materials=None, meshes=None, per="material", motion="rigid", together=false,
+    #[pyo3(signature = (quantity, *, materials=None, meshes=None, cameras=None, per="material", motion="rigid", together=false,
         lower=None, upper=None, initial=None, max_rotation_degrees=None, max_scale=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn new(
         quantity: &str,
         materials: Option<Vec<String>>,
         meshes: Option<Vec<String>>,
+        cameras: Option<Vec<String>>,
         per: &str,
         motion: &str,
         together: bool,
@@ -61,6 +64,7 @@ impl Fit {
         let inner = fit::Fit::new(word("quantity", quantity)?)
             .materials(materials)
             .meshes(meshes)
+            .cameras(cameras)
             .per(word("per", per)?)
             .motion(word("motion", motion)?)
             .together(together)
@@ -368,15 +372,13 @@ fn run(
             None => None,
         };
         let problem = job.problem();
-        let cameras = problem.targets.iter().map(|target| target.camera.clone()).collect();
         let parameters = &problem.parameters;
         let (planning, gradients) = (parameters.planning_scene(), parameters.gradient_request());
         let supersample = job.settings().supersample;
-        let mut renderer =
-            EngineRenderer::new(&backend, planning, cameras, supersample, gradients, link.watch())
-                .or_raise()?
-                .movable(parameters.movable())
-                .paintings(parameters.paintings());
+        let mut renderer = EngineRenderer::new(&backend, planning, supersample, gradients, link.watch())
+            .or_raise()?
+            .movable(parameters.movable())
+            .paintings(parameters.paintings());
         job.estimate(&mut renderer).or_raise()?;
         let seen = renderer.seen().or_raise()?;
         warnings.extend(job.problem().parameters.unseen(&seen).iter().map(ToString::to_string));

@@ -51,22 +51,21 @@ struct State {
 /// What pictures are a function of.
 #[derive(Clone)]
 struct Point {
+    /// Its cameras are those of the views.
     scene: scene::Scene,
-    cameras: Vec<Camera>,
 }
 
 impl Point {
     fn is(&self, other: &Self) -> bool {
         self.scene.materials == other.scene.materials
             && self.scene.vertices == other.scene.vertices
-            && self.cameras == other.cameras
+            && self.scene.cameras == other.scene.cameras
     }
 }
 
 impl State {
     fn pictures(&mut self, point: &Point) -> PyResult<Vec<Vec<DVec3>>> {
         self.latest = None;
-        self.renderer.set_cameras(point.cameras.clone());
         let pictures = self.renderer.pictures(&point.scene).or_raise()?;
         self.latest = Some(point.clone());
         Ok(pictures)
@@ -76,6 +75,7 @@ impl State {
 impl Renderer {
     fn point(&self, values: &Values, camera: Option<&Numbers>) -> PyResult<Point> {
         let mut scene = values.applied(&self.base)?;
+        scene.cameras = self.moved(camera)?;
         if values.vertices.is_some() {
             // Triangles without area are found anew.
             let mut moved = scene::Scene { materials: self.base.materials.clone(), ..scene.clone() };
@@ -87,24 +87,31 @@ impl Renderer {
         if positive {
             scene.validate().or_raise()?;
         }
-        Ok(Point { scene, cameras: self.moved(camera)? })
+        Ok(Point { scene })
     }
 
-    /// The cameras at positions and targets (n, 2, 3), or (2, 3) for one.
+    /// The cameras at positions and targets (n, 2, 3), or (2, 3) for one; or with up (n, 3, 3), or (3, 3).
     fn moved(&self, camera: Option<&Numbers>) -> PyResult<Vec<Camera>> {
         let mut cameras = self.cameras.clone();
         if let Some(camera) = camera {
             let count = cameras.len();
-            let fits = *camera.shape == [count, 2, 3] || (count == 1 && *camera.shape == [2, 3]);
-            if !fits {
-                let shape = arrays::shown(&camera.shape);
-                return Err(invalid(format!(
-                    "camera has the shape {shape}; it must be ({count}, 2, 3): position and target of each"
-                )));
-            }
-            for (camera, values) in cameras.iter_mut().zip(camera.values.chunks(6)) {
+            let vectors = match &camera.shape[..] {
+                [n, vectors @ (2 | 3), 3] if *n == count => *vectors,
+                [vectors @ (2 | 3), 3] if count == 1 => *vectors,
+                shape => {
+                    let shape = arrays::shown(shape);
+                    return Err(invalid(format!(
+                        "camera has the shape {shape}; it must be ({count}, 2, 3): position and target of each, or \
+                         ({count}, 3, 3): with up"
+                    )));
+                }
+            };
+            for (camera, values) in cameras.iter_mut().zip(camera.values.chunks(3 * vectors)) {
                 camera.position = DVec3::from_slice(values);
                 camera.target = DVec3::from_slice(&values[3..]);
+                if vectors == 3 {
+                    camera.up = DVec3::from_slice(&values[6..]);
+                }
                 camera.check().or_raise()?;
             }
         }
@@ -152,13 +159,14 @@ impl Renderer {
             }
         }
         let watch: Arc<Mutex<Watch>> = Arc::new(Mutex::new(Arc::new(|| ControlFlow::Continue(()))));
-        let (asked, seen_by) = (watch.clone(), cameras.clone());
+        planning.cameras.clone_from(&cameras);
+        let asked = watch.clone();
         let renderer = work::run(py, None, move |_| {
             let watch: Watch = Arc::new(move || {
                 let watch = asked.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 watch()
             });
-            EngineRenderer::new(&backend, planning, seen_by, supersample, gradients, watch)
+            EngineRenderer::new(&backend, planning, supersample, gradients, watch)
                 .map(|renderer| renderer.shading(shading).independent())
         })?
         .or_raise()?;
@@ -175,7 +183,7 @@ impl Renderer {
     ///     diffuse: δ of each material, (M,).
     ///     power: p of each material, (M,).
     ///     vertices: Positions, (V, 3), metres.
-    ///     camera: Position and target of each view, (n, 2, 3), or (2, 3) for one, metres.
+    ///     camera: Position and target of each view, (n, 2, 3), or (2, 3) for one, metres; or with up, (n, 3, 3) or (3, 3).
     ///
     /// Raises:
     ///     ValueError: An array has the wrong shape.

@@ -217,6 +217,23 @@ fn numbers_and_combinations_that_mean_nothing() {
         &job("motion = \"rigid\"", "motion = \"rigid\"\nper = \"mesh\""),
         &["use `motion` for positions"],
     );
+    let camera = |keys: &str| {
+        job(
+            "parameter = \"albedo\"\nmaterials = [\"wall\", \"red\"]\ninitial = 0.5\nupper = [0.9, 0.9, 0.95]",
+            &format!("parameter = \"camera\"\n{keys}"),
+        )
+    };
+    let with_prior = |text: String| text.replace("of = \"albedo\"\nvalue = 0.5", "of = \"camera\"");
+    let file =
+        load(&folder(&[("j.toml", &with_prior(camera("cameras = [\"main\"]\nmax_rotation_degrees = 1")))]));
+    assert_eq!(file.expect("a job").job.problem().parameters.len(), 6 + 6);
+    refused(&camera("cameras = [\"mian\"]"), &["j.toml:8", "did you mean \"main\"?"]);
+    refused(&camera("materials = [\"wall\"]"), &["j.toml:8", "use `cameras` instead of `materials`"]);
+    refused(&camera("per = \"mesh\""), &["`per` is for materials"]);
+    refused(&camera("motion = \"rigid\""), &["`motion` is for parameter = \"position\""]);
+    refused(&camera("initial = 0"), &["leave `initial` out"]);
+    refused(&camera("max_rotation_degrees = 0"), &["max_rotation_degrees is 0"]);
+    refused(&job("initial = 0.5", "cameras = [\"main\"]"), &["`cameras` is for parameter = \"camera\""]);
     refused(&job("of = \"albedo\"\n", ""), &["which parameter?"]);
     refused(
         &job("kind = \"prior\"\nof = \"albedo\"\nvalue = 0.5", "kind = \"sparsity\""),

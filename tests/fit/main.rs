@@ -1,5 +1,6 @@
 //! Tests of fitting, without a device where possible.
 
+mod cameras;
 mod double;
 mod job_files;
 mod jobs;

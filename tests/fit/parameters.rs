@@ -2,9 +2,9 @@
 
 use crate::{says, scene};
 use antirad::fit::{Fit, MotionKind, Parameters, Per, Regulariser, Regularisers};
-use antirad::render::{Quantity, SceneGradient};
-use antirad::scene::Scene;
-use glam::DVec3;
+use antirad::render::{CameraGradient, Quantity, SceneGradient};
+use antirad::scene::{Camera, Scene};
+use glam::{DQuat, DVec3};
 
 fn fit(quantity: Quantity) -> Fit {
     Fit::new(quantity)
@@ -32,6 +32,7 @@ fn everything() -> Vec<Fit> {
         moving(MotionKind::Similarity, &["table"]),
         moving(MotionKind::Vertices, &["lamp"]),
         moving(MotionKind::Scale, &["room", "shelf"]).together(true),
+        fit(Quantity::Camera),
     ]
 }
 
@@ -65,6 +66,21 @@ fn toy(scene: &Scene, request: antirad::plan::GradientRequest) -> (f64, SceneGra
             positions[v] += weight + 0.6 * *x;
         }
     }
+    let mut by_cameras = Vec::new();
+    for (view, camera) in scene.cameras.iter().enumerate() {
+        let weight = |a: f64| DVec3::from([0.4, 1.3, 2.2].map(|phase: f64| (a + phase + view as f64).sin()));
+        let mut by = CameraGradient::default();
+        for (of, vector, by) in [
+            (weight(0.1), camera.position, &mut by.position),
+            (weight(0.7), camera.target, &mut by.target),
+            (weight(1.9), camera.up, &mut by.up),
+        ] {
+            sum += of.dot(vector) + 0.3 * vector.length_squared();
+            *by = of + 0.6 * vector;
+        }
+        by_cameras.push(by);
+    }
+    gradient.cameras = Some(by_cameras);
     (sum, gradient)
 }
 
@@ -95,6 +111,7 @@ fn derivatives_are_those_of_finite_differences() {
         Regulariser::Prior { of: Quantity::Albedo, value: Some([0.5; 3]), weight: 0.3 },
         Regulariser::Prior { of: Quantity::Power, value: Some([20.0; 3]), weight: 0.3 },
         Regulariser::Prior { of: Quantity::Position, value: None, weight: 0.3 },
+        Regulariser::Prior { of: Quantity::Camera, value: None, weight: 0.3 },
     ];
     let regularisers = Regularisers::new(&terms, &parameters).expect("terms");
     let evaluate = |x: &[f64]| {
@@ -160,6 +177,7 @@ fn the_start_is_the_scene_as_it_was() {
     assert!(parameters.bounds().contain(parameters.start()));
     let start = parameters.scene(parameters.start());
     assert_eq!(start.vertices, scene.vertices);
+    assert_eq!(start.cameras, scene.cameras);
     for t in 0..scene.triangles.len() {
         let (now, before) = (start.material(t), scene.material(t));
         let near = |a: f64, b: f64| (a - b).abs() < 1e-12 * (1.0 + b);
@@ -201,6 +219,7 @@ fn what_cannot_be_fitted() {
     };
     let twice = [fit(Quantity::Albedo), of(Quantity::Albedo, &["red"], Per::Triangle)];
     let both = [fit(Quantity::Albedo), fit(Quantity::Diffuse)];
+    let named = |name: &str| fit(Quantity::Camera).cameras(Some(vec![name.to_owned()]));
     let meshed = moving(MotionKind::Rigid, &["box"]).materials(Some(vec!["red".into()]));
     for (fits, at, parts) in [
         (&twice[..], 1, vec!["albedo of triangle", "fitted twice"]),
@@ -220,6 +239,19 @@ fn what_cannot_be_fitted() {
         (&[fit(Quantity::Albedo).initial(Some([f64::NAN; 3]))], 0, vec!["initial albedo"]),
         (&[moving(MotionKind::Vertices, &["box"]).initial(Some([1.0; 3]))], 0, vec!["translation"]),
         (&[moving(MotionKind::Scale, &["box"]).max_scale(Some(0.5))], 0, vec!["max_scale is 0.5"]),
+        (&[named("mian")], 0, vec!["no target has the camera \"mian\"", "did you mean \"main\"?"]),
+        (&[named("side view")], 0, vec!["they have: main"]),
+        (&[fit(Quantity::Camera).cameras(Some(Vec::new()))], 0, vec!["no camera is selected"]),
+        (&[fit(Quantity::Camera), named("main")], 1, vec!["camera of target 0 is fitted twice"]),
+        (
+            &[fit(Quantity::Camera).meshes(Some(vec!["box".into()]))],
+            0,
+            vec!["use `cameras` instead of `meshes`"],
+        ),
+        (&[fit(Quantity::Albedo).cameras(Some(vec!["main".into()]))], 0, vec!["instead of `cameras`"]),
+        (&[fit(Quantity::Camera).initial(Some([0.0; 3]))], 0, vec!["leave `initial` out"]),
+        (&[named("main").max_rotation_degrees(Some(f64::NAN))], 0, vec!["max_rotation_degrees is NaN"]),
+        (&[named("main").lower(Some([0.1; 3])).upper(Some([0.0; 3]))], 0, vec!["camera: bounds 0.1 to 0"]),
     ] {
         let (blamed, message) = refused(fits);
         assert_eq!(blamed, at, "{message}");
@@ -233,6 +265,8 @@ fn assumptions_about_nothing_are_refused() {
     for (term, part) in [
         (Regulariser::Smoothness { of: Quantity::Power, weight: 1.0 }, "power is not fitted"),
         (Regulariser::Smoothness { of: Quantity::Position, weight: 1.0 }, "laplacian"),
+        (Regulariser::Smoothness { of: Quantity::Camera, weight: 1.0 }, "prior"),
+        (Regulariser::Prior { of: Quantity::Camera, value: None, weight: 1.0 }, "camera is not fitted"),
         (Regulariser::Laplacian { weight: 1.0 }, "no vertices are fitted"),
         (Regulariser::Sparsity { weight: 1.0 }, "emission is not fitted"),
         (Regulariser::Prior { of: Quantity::Emission, value: None, weight: 1.0 }, "emission is not fitted"),
@@ -244,6 +278,39 @@ fn assumptions_about_nothing_are_refused() {
     }
 }
 
+/// A camera moves as a whole, within its bounds; views of one camera move together, and others stay.
+#[test]
+fn cameras_move_as_they_are() {
+    let mut scene = scene();
+    let other = Camera { name: String::from("other"), fov_x_degrees: 50.0, ..scene.cameras[0].clone() };
+    scene.cameras = vec![scene.cameras[0].clone(), other.clone(), scene.cameras[0].clone()];
+    let main = fit(Quantity::Camera)
+        .cameras(Some(vec!["main".into()]))
+        .lower(Some([-0.1, 0.0, -0.1]))
+        .upper(Some([0.1; 3]));
+    let parameters = Parameters::new(&scene, &[main], 1.0).expect("parameters");
+    assert_eq!(parameters.len(), 6);
+    assert_eq!(parameters.scene(parameters.start()).cameras, scene.cameras);
+    let moved = parameters.scene(&parameters.bounds().upper);
+    assert_eq!((&moved.cameras[1], &moved.cameras[2]), (&other, &moved.cameras[0]));
+    let (before, now) = (&scene.cameras[0], &moved.cameras[0]);
+    assert!((now.position - before.position).abs_diff_eq(DVec3::splat(0.1), 1e-12));
+    let lines = |camera: &Camera| (camera.target - camera.position, camera.up);
+    let ((ahead, up), (ahead_before, up_before)) = (lines(now), lines(before));
+    let turn = DQuat::from_scaled_axis(DVec3::splat(5f64.to_radians()));
+    assert!(ahead.abs_diff_eq(turn * ahead_before, 1e-12) && up.abs_diff_eq(turn * up_before, 1e-12));
+    let recovered = parameters.recovered(&parameters.bounds().upper);
+    let found: Vec<(&str, &str, &str)> = recovered.iter().map(|r| (r.quantity, &r.of[..], r.unit)).collect();
+    let expected = [
+        ("camera position", "main", "m"),
+        ("camera displacement", "main", "m"),
+        ("camera rotation vector", "main", "degrees"),
+    ];
+    assert_eq!(found, expected);
+    assert!(recovered.iter().all(|r| r.at_bound == [true; 3]));
+    assert!(recovered[2].value.iter().all(|angle| (angle - 5.0).abs() < 1e-12), "{:?}", recovered[2]);
+}
+
 /// Values that no view shows are reported per fit, and no others.
 #[test]
 fn unseen_values_are_counted() {
@@ -251,7 +318,8 @@ fn unseen_values_are_counted() {
     let fits = everything();
     let parameters = Parameters::new(&scene, &fits, 10.0).expect("parameters");
     let all = parameters.unseen(&vec![false; scene.triangles.len()]);
-    assert_eq!(all.len(), fits.len());
+    // All but the cameras.
+    assert_eq!(all.len(), fits.len() - 1);
     assert!(all.iter().all(|unseen| unseen.unseen == unseen.values && unseen.values > 0), "{all:?}");
     assert_eq!(parameters.unseen(&vec![true; scene.triangles.len()]), []);
     // For one triangle out of view, only the values of its own.

@@ -3,7 +3,7 @@
 use antirad::image::{ImageError, PictureOptions, Rasterizer};
 use antirad::ranks::Ranks;
 use antirad::scene::{Camera, Scene};
-use antirad_render::image::{GeometryGradient, geometry_gradient, geometry_gradient_of};
+use antirad_render::image::{CameraGradient, GeometryGradient, geometry_gradient, geometry_gradient_of};
 use glam::{DQuat, DVec3};
 
 use crate::scenes::{Random, above, finish, flipped, grid, scene, square, together};
@@ -45,12 +45,15 @@ struct Motion<'a> {
     position: DVec3,
     /// Velocity of the camera's target.
     target: DVec3,
+    /// Velocity of the camera's up.
+    up: DVec3,
 }
 
 impl<'a> Motion<'a> {
     fn new(scene: Scene, camera: Camera, vertices: &'a (dyn Fn(usize) -> DVec3 + Sync)) -> Self {
         let colours = Random::new(5).colours(&scene);
-        Self { scene, colours, camera, vertices, position: DVec3::ZERO, target: DVec3::ZERO }
+        let none = DVec3::ZERO;
+        Self { scene, colours, camera, vertices, position: none, target: none, up: none }
     }
 
     /// The scene, the camera with a picture `times` finer in each direction, and the cotangent of that picture.
@@ -61,6 +64,7 @@ impl<'a> Motion<'a> {
         }
         camera.position += time * self.position;
         camera.target += time * self.target;
+        camera.up += time * self.up;
         let cotangent = cotangent(camera.width, camera.height);
         let cotangent = finer(&cotangent, camera.width, camera.height, times);
         (camera.width, camera.height) = (camera.width * times, camera.height * times);
@@ -85,8 +89,9 @@ impl<'a> Motion<'a> {
         let gradient = self.gradient(time, side, times);
         let vertices = gradient.vertices.iter().enumerate();
         vertices.map(|(number, of_vertex)| of_vertex.dot((self.vertices)(number))).sum::<f64>()
-            + gradient.position.dot(self.position)
-            + gradient.target.dot(self.target)
+            + gradient.camera.position.dot(self.position)
+            + gradient.camera.target.dot(self.target)
+            + gradient.camera.up.dot(self.up)
     }
 
     /// A relative error, which must be finite: maxima ignore NaN.
@@ -275,8 +280,8 @@ fn edges_of_what_moves_are_those_of_all() {
     assert_eq!(of_cube.vertices[..24], all.vertices[..24]);
     assert!(all.vertices[24..].iter().any(|by| *by != DVec3::ZERO));
     assert!(of_cube.vertices[24..].iter().all(|by| *by == DVec3::ZERO));
-    assert_eq!((of_cube.position, of_cube.target), (DVec3::ZERO, DVec3::ZERO));
-    assert!(all.position != DVec3::ZERO);
+    assert_eq!(of_cube.camera, CameraGradient::default());
+    assert!(all.camera.position != DVec3::ZERO);
 }
 
 /// The area of a rectangle is exact wherever the lines are, hence its derivative too.
@@ -339,7 +344,13 @@ fn cameras_move_and_turn() {
         let by = DVec3::new(0.1, 0.05, 0.08);
         let moving = Motion { position: by, ..still };
         moving.check(rasterizer, 8e-3, 4e-2);
-        Motion { position: DVec3::ZERO, target: by, ..moving }.check(rasterizer, 5e-3, 4e-2);
+        let turning = Motion { position: DVec3::ZERO, target: by, ..moving };
+        turning.check(rasterizer, 5e-3, 4e-2);
+        // A cube at the side, whose picture moves as the camera rolls.
+        let aside = Camera { target: DVec3::new(0.5, 0.2, 0.0), ..camera() };
+        let rolling = DVec3::new(0.2, 0.1, 0.1);
+        Motion { up: rolling, ..Motion::new(flying(), aside, &|_| DVec3::ZERO) }
+            .check(rasterizer, 2e-3, 5e-3);
     });
 }
 
@@ -462,7 +473,7 @@ fn edges_within_one_colour_have_no_derivative() {
 fn rigid_motion_and_threads_change_nothing() {
     let still = Motion::new(hidden(), camera(), &|_| DVec3::ZERO);
     let gradient = still.gradient(0.0, 8, 1);
-    let sum = gradient.vertices.iter().sum::<DVec3>() + gradient.position + gradient.target;
+    let sum = gradient.vertices.iter().sum::<DVec3>() + gradient.camera.position + gradient.camera.target;
     let size: f64 = gradient.vertices.iter().map(|of_vertex| of_vertex.length()).sum();
     assert!(sum.length() <= 1e-13 * size, "{sum} {size}");
     for threads in [1, 2, 5] {

@@ -8,7 +8,7 @@ use antirad_core::{Engine, EngineError, Solution, SolveParams};
 use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer};
 use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
 use antirad_render::shading::{Reflections, Shading};
-use antirad_scene::{Camera, Painting, Scene, Transport};
+use antirad_scene::{Painting, Scene, Transport};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ const MOVED: f64 = 1e-4;
 pub struct EngineRenderer {
     backend: Backend,
     renderer: render::Renderer,
-    /// The plan is made for its materials, which require as much as any later ones.
+    /// The plan is made for its materials, which require as much as any later ones. Positions and cameras are those of `coverage`.
     planning: Scene,
     /// Initial emission of each material of `planning`: a measure of how bright others are.
     first_emission: Vec<[f64; 3]>,
@@ -38,7 +38,6 @@ pub struct EngineRenderer {
     choice: Option<Arc<ClusterChoice>>,
     /// How often they have been chosen.
     choices: u64,
-    cameras: Vec<Camera>,
     request: GradientRequest,
     watch: Watch,
     /// Whether every solve starts from darkness.
@@ -52,7 +51,7 @@ pub struct EngineRenderer {
     engine: Option<Engine>,
     planned: GradientRequest,
     /// Coverage of each view at these positions; empty until computed.
-    coverage: Vec<Coverage>,
+    coverage: Vec<Arc<Coverage>>,
     /// State of the latest pictures. It holds device memory until the next ones have been rendered, whose solve starts from it.
     latest: Option<Latest>,
     /// Light with other vertices, to start from.
@@ -78,13 +77,15 @@ struct Latest {
     difference: bool,
     /// Pictures per view.
     pictures: Vec<Vec<DVec3>>,
+    /// What each view shows.
+    coverage: Vec<Arc<Coverage>>,
     /// What pictures are made from.
     light: Shown,
 }
 
 impl EngineRenderer {
     /// Renders scenes with the triangles of `planning` and materials that require no more than its own
-    /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), seen from `cameras` with `supersample` x
+    /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), seen from the cameras of each with `supersample` x
     /// `supersample` samples per pixel, and computes the derivatives in `request`.
     ///
     /// # Errors
@@ -92,7 +93,6 @@ impl EngineRenderer {
     pub fn new(
         backend: impl Into<Backend>,
         planning: Scene,
-        cameras: Vec<Camera>,
         supersample: u32,
         request: GradientRequest,
         watch: Watch,
@@ -107,7 +107,6 @@ impl EngineRenderer {
             planning,
             choice: None,
             choices: 0,
-            cameras,
             request,
             watch,
             independent: false,
@@ -148,7 +147,7 @@ impl EngineRenderer {
     fn plan(&self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
         let options = PictureOptions::default().supersample(self.renderer.options().supersample);
         let mut pictures = 0;
-        for camera in &self.cameras {
+        for camera in &scene.cameras {
             let bytes = Rasterizer::bytes(self.backend.kind(), scene.triangles.len(), camera, &options)
                 .map_err(failed)?;
             pictures = pictures.max(bytes);
@@ -190,26 +189,35 @@ impl EngineRenderer {
     /// # Errors
     /// Fails if the scene or a camera is invalid, or if the device fails.
     pub fn seen(&mut self) -> Result<Vec<bool>, RenderError> {
-        self.look()?;
-        Ok(Coverage::seen(&self.coverage, self.planning.triangles.len()))
+        self.look(&self.planning.clone())?;
+        Ok(Coverage::seen(self.coverage.iter().map(Arc::as_ref), self.planning.triangles.len()))
     }
 
-    /// Computes the coverage at the positions of [`Self::planning`], unless known.
-    fn look(&mut self) -> Result<(), RenderError> {
-        if self.coverage.is_empty() {
-            let look = |camera| self.renderer.coverage(&self.planning, camera);
-            self.coverage = self.cameras.iter().map(look).collect::<Result<_, _>>().map_err(failed)?;
+    /// Computes the coverage at the positions and from the cameras of a scene, as far as they have changed.
+    fn look(&mut self, scene: &Scene) -> Result<(), RenderError> {
+        let has_moved = self.planning.vertices != scene.vertices;
+        if !has_moved && self.planning.cameras == scene.cameras && !self.coverage.is_empty() {
+            return Ok(());
         }
+        let positions = std::mem::replace(&mut self.planning.vertices, scene.vertices.clone());
+        self.planning.degenerate.clone_from(&scene.degenerate);
+        let cameras = std::mem::replace(&mut self.planning.cameras, scene.cameras.clone());
+        let coverage = std::mem::take(&mut self.coverage);
+        let before = |view: usize| {
+            let same = cameras.get(view) == scene.cameras.get(view);
+            coverage.get(view).filter(|_| same)
+        };
+        let look = |(view, camera)| match before(view) {
+            Some(coverage) if !has_moved => Ok(coverage.clone()),
+            Some(coverage) => {
+                let before = (&positions[..], &**coverage);
+                self.renderer.coverage_of_moved(&self.planning, camera, before).map(Arc::new)
+            }
+            None => self.renderer.coverage(&self.planning, camera).map(Arc::new),
+        };
+        let views = scene.cameras.iter().enumerate().map(look);
+        self.coverage = views.collect::<Result<_, _>>().map_err(failed)?;
         Ok(())
-    }
-
-    /// Replaces the cameras: the next pictures are taken from these.
-    pub fn set_cameras(&mut self, cameras: Vec<Camera>) {
-        if self.cameras != cameras {
-            self.cameras = cameras;
-            self.coverage.clear();
-            self.latest = None;
-        }
     }
 
     /// Frees the memory of the engine before that of the next one is allocated, but for the light to start from, where there is room for
@@ -223,7 +231,7 @@ impl EngineRenderer {
         }
     }
 
-    /// Updates engine and coverage to the positions of a scene; an engine that is made for it has the derivatives of `gradients`. `choose`:
+    /// Updates engine and coverage to the positions and cameras of a scene; an engine that is made for it has the derivatives of `gradients`. `choose`:
     /// whether clusters may be chosen for it.
     fn prepare(
         &mut self,
@@ -237,16 +245,8 @@ impl EngineRenderer {
         }
         if self.planning.vertices != scene.vertices {
             self.retire();
-            let before = std::mem::replace(&mut self.planning.vertices, scene.vertices.clone());
-            self.planning.degenerate.clone_from(&scene.degenerate);
-            let views = self.cameras.iter().zip(std::mem::take(&mut self.coverage));
-            let look = |(camera, coverage)| {
-                let before = (&before[..], &coverage);
-                self.renderer.coverage_of_moved(&self.planning, camera, before)
-            };
-            self.coverage = views.map(look).collect::<Result<_, _>>().map_err(failed)?;
         }
-        self.look()?;
+        self.look(scene)?;
         if choose && self.engine.as_ref().is_some_and(|engine| !engine.plan().is_lit_by(scene)) {
             self.retire();
         }
@@ -277,11 +277,16 @@ impl Latest {
         (!self.difference).then_some(self.solution)
     }
 
-    /// Whether these are the pictures of a scene; scenes differ in materials and positions only.
-    fn is_of(&self, scene: &Scene) -> bool {
+    /// Whether this is the light of a scene; scenes differ in materials, textures, positions and cameras only.
+    fn is_light_of(&self, scene: &Scene) -> bool {
         let same_patterns = Arc::ptr_eq(&self.scene.patterns, &scene.patterns);
         let same = self.scene.materials == scene.materials && self.scene.vertices == scene.vertices;
         !self.difference && same && (same_patterns || self.scene.patterns.same_texels(&scene.patterns))
+    }
+
+    /// Whether these are the pictures of a scene.
+    fn is_of(&self, scene: &Scene) -> bool {
+        self.is_light_of(scene) && self.scene.cameras == scene.cameras
     }
 }
 
@@ -311,20 +316,40 @@ impl EngineRenderer {
         let engine = self.engine.insert(engine);
         let solution = solved.map_err(sort_out)?;
         let before = self.latest.as_ref().map(|latest| &latest.light);
-        let light = self.renderer.light(engine, &solution, scene, &self.cameras, before).map_err(sort_out)?;
-        let picture = |(view, coverage): (usize, &Coverage)| {
-            let pixels = self.renderer.pixels(&light, view, coverage)?.pixels;
-            Ok(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect())
+        let light =
+            self.renderer.light(engine, &solution, scene, &scene.cameras, before).map_err(sort_out)?;
+        let pictures =
+            (0..scene.cameras.len()).map(|view| self.picture(&light, view)).collect::<Result<_, _>>()?;
+        let coverage = self.coverage.clone();
+        Ok(Latest { scene: scene.clone(), solution, params, difference, pictures, coverage, light })
+    }
+
+    fn picture(&self, light: &Shown, view: usize) -> Result<Vec<DVec3>, RenderError> {
+        let pixels = self.renderer.pixels(light, view, &self.coverage[view]).map_err(failed)?.pixels;
+        Ok(pixels.iter().map(|&[r, g, b, _]| DVec3::new(r, g, b)).collect())
+    }
+
+    /// The latest light towards the cameras of a scene, and its pictures; `None` if the scene has another light, or if the engine no
+    /// longer has this one.
+    fn look_again(&mut self, scene: &Scene) -> Result<Option<(Shown, Vec<Vec<DVec3>>)>, RenderError> {
+        if (self.watch)().is_break() {
+            return Err(RenderError::Interrupted);
+        }
+        let (Some(latest), Some(engine)) = (&self.latest, &self.engine) else { return Ok(None) };
+        if !latest.is_light_of(scene) || engine.check_own(&latest.solution).is_err() {
+            return Ok(None);
+        }
+        self.look(scene)?;
+        let (Some(latest), Some(engine)) = (&self.latest, &mut self.engine) else { return Ok(None) };
+        let light = self.renderer.light(engine, &latest.solution, scene, &scene.cameras, Some(&latest.light));
+        let light = light.map_err(sort_out)?;
+        let before = latest.scene.cameras.iter().zip(&latest.pictures);
+        let picture = |(view, (camera, (camera_before, before)))| match camera == camera_before {
+            true => Ok(Vec::clone(before)),
+            false => self.picture(&light, view),
         };
-        let pictures = self.coverage.iter().enumerate().map(picture).collect::<Result<_, ImageError>>();
-        Ok(Latest {
-            scene: scene.clone(),
-            solution,
-            params,
-            difference,
-            pictures: pictures.map_err(failed)?,
-            light,
-        })
+        let pictures = scene.cameras.iter().zip(before).enumerate().map(picture).collect::<Result<_, _>>()?;
+        Ok(Some((light, pictures)))
     }
 }
 
@@ -348,6 +373,14 @@ impl Renderer for EngineRenderer {
         if let Some(latest) = self.latest.as_ref().filter(|latest| latest.is_of(scene)) {
             return Ok(latest.pictures.clone());
         }
+        if let Some((light, pictures)) = self.look_again(scene)?
+            && let Some(latest) = &mut self.latest
+        {
+            latest.scene.cameras.clone_from(&scene.cameras);
+            (latest.light, latest.coverage) = (light, self.coverage.clone());
+            latest.pictures.clone_from(&pictures);
+            return Ok(pictures);
+        }
         let params = SolveParams::from(&scene.settings);
         let latest = self.render(scene, params, Subject::Scene, self.request)?;
         Ok(self.latest.insert(latest).pictures.clone())
@@ -360,6 +393,9 @@ impl Renderer for EngineRenderer {
             let params = params.tolerance(params.tolerance.max(MOVED));
             let latest = self.render(scene, params, Subject::Near, GradientRequest::default())?;
             return Ok(self.latest.insert(latest).pictures.clone());
+        }
+        if let Some((_, pictures)) = self.look_again(scene)? {
+            return Ok(pictures);
         }
         let params = SolveParams::from(&scene.settings).reduction(REDUCTION);
         let params = params.tolerance(params.tolerance.min(ROUNDING));
@@ -381,7 +417,7 @@ impl Renderer for EngineRenderer {
         // Losses do not depend on coverage itself.
         let by_pixels: Vec<Vec<[f64; 4]>> =
             by_pixels.iter().map(|view| view.iter().map(|by| by.extend(0.0).to_array()).collect()).collect();
-        let views = self.cameras.iter().zip(&self.coverage).zip(&by_pixels);
+        let views = latest.scene.cameras.iter().zip(&latest.coverage).zip(&by_pixels);
         let views: Vec<SeenPixels> =
             views.map(|((camera, coverage), by_pixels)| SeenPixels { camera, coverage, by_pixels }).collect();
         let (watch, passes) = (self.watch.clone(), &mut self.passes);
@@ -405,10 +441,10 @@ impl Renderer for EngineRenderer {
     }
 
     fn own_squares(&mut self, weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
-        let Latest { scene, solution, .. } = self.latest.as_ref()?;
+        let Latest { scene, solution, coverage, .. } = self.latest.as_ref()?;
         let none = vec![DVec3::ZERO; scene.triangles.len()];
         let mut squares = OwnSquares { albedo: none.clone(), emission: none };
-        for (coverage, weights) in self.coverage.iter().zip(weights) {
+        for (coverage, weights) in coverage.iter().zip(weights) {
             for FaceInPixel { face, pixel, share, .. } in coverage.faces_in_pixels() {
                 let reflected = DVec3::from(solution.irradiance[face]) * scene.material(face).diffuse / PI;
                 squares.albedo[face] += weights[pixel] * (share * reflected).powf(2.0);

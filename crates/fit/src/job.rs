@@ -16,7 +16,7 @@ use super::trail::Trail;
 use antirad_base::output::OutputError;
 use antirad_base::setters;
 use antirad_render::image::ImageError;
-use antirad_scene::{Choice, Scene, SceneError};
+use antirad_scene::{Camera, Choice, Scene, SceneError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
@@ -101,7 +101,7 @@ impl From<RenderError> for FitError {
 /// nearby points.
 const NOISE_OF_TOLERANCE: f64 = 0.1;
 
-/// Relative noise of the loss from sampling pixels where objects move: edges pass samples one by one, while derivatives
+/// Relative noise of the loss from sampling pixels where objects or cameras move: edges pass samples one by one, while derivatives
 /// are those of exact areas.
 const NOISE_OF_SAMPLES: f64 = 1e-4;
 
@@ -281,7 +281,7 @@ pub struct Outcome {
     pub history: Vec<Record>,
     /// Time of all runs together, s.
     pub seconds: f64,
-    /// The scene with the fitted values.
+    /// The scene with the fitted values. Its cameras are its own, and those of the targets under their names.
     pub scene: Scene,
     /// The fitted values, with the material, mesh or triangle of each.
     pub recovered: Vec<Recovered>,
@@ -312,6 +312,8 @@ pub struct Job {
     problem: Problem,
     settings: Settings,
     identity: Identity,
+    /// The scene's own cameras; in a fit it has those of the targets.
+    cameras: Vec<Camera>,
 }
 
 impl Job {
@@ -334,6 +336,9 @@ impl Job {
             return refuse("there is nothing to fit; give at least one quantity");
         }
         let mut scene = scene;
+        let views = targets.iter().map(|target| target.camera.clone()).collect();
+        let cameras = std::mem::replace(&mut scene.cameras, views);
+        scene.cameras.iter().try_for_each(Camera::check)?;
         // The solve settings stay the same from the first iteration to the last.
         scene.choice = Choice::STATED;
         scene.settings.tolerance = settings.tolerance.unwrap_or(scene.settings.tolerance.min(1e-5));
@@ -351,7 +356,7 @@ impl Job {
             return refuse("an exposure is fitted by a smooth loss; use huber, relative-l2 or l2");
         }
         let problem = Problem { parameters, targets, loss: Box::new(loss), regularisers };
-        let job = Self { name: name.into(), problem, settings, identity };
+        let job = Self { name: name.into(), problem, settings, identity, cameras };
         if job.settings.optimiser == OptimiserKind::LeastSquares && !job.is_quadratic() {
             return refuse(
                 "least-squares fits emission alone, with the loss l2 or relative-l2; use quasi-newton instead",
@@ -401,7 +406,8 @@ impl Job {
             OptimiserKind::QuasiNewton | OptimiserKind::Auto => {
                 let parameters = &self.problem.parameters;
                 let of_solve = NOISE_OF_TOLERANCE * parameters.base().settings.tolerance;
-                let of_samples = if parameters.gradient_request().positions { NOISE_OF_SAMPLES } else { 0.0 };
+                let of_samples =
+                    if parameters.gradient_request().geometry() { NOISE_OF_SAMPLES } else { 0.0 };
                 let noise = self.settings.noise.unwrap_or(of_solve.max(of_samples));
                 let options = QuasiNewtonOptions { noise, ..self.settings.quasi_newton };
                 Optimiser::QuasiNewton(QuasiNewton::new(x, bounds, options))
@@ -538,13 +544,40 @@ impl Job {
             seconds: progress.seconds,
             recovered: self.problem.parameters.recovered(progress.optimiser.best()),
             history: progress.history,
-            scene: judged.scene,
+            scene: self.with_all_cameras(judged.scene)?,
             pictures: judged.pictures,
             gains: judged.gains,
             loss: judged.value,
             views: judged.views,
             assumptions: judged.assumptions,
         })
+    }
+}
+
+impl Job {
+    /// A scene of the fit with the scene's own cameras again, and those of its views under their names, numbered where others have taken
+    /// them.
+    fn with_all_cameras(&self, scene: Scene) -> Result<Scene, SceneError> {
+        let mut named: Vec<Camera> = Vec::new();
+        for (target, found) in self.problem.targets.iter().zip(&scene.cameras) {
+            let name = &target.camera.name;
+            let is_free = |name: &String| self.cameras.iter().all(|own| own.name != *name);
+            let numbered = (2u64..).map(|n| format!("{name}_{n}")).filter(is_free);
+            for name in std::iter::once(name.clone()).chain(numbered) {
+                let camera = Camera { name, ..found.clone() };
+                match named.iter().find(|other| other.name == camera.name) {
+                    Some(other) if *other != camera => {}
+                    Some(_) => break,
+                    None => {
+                        named.push(camera);
+                        break;
+                    }
+                }
+            }
+        }
+        let mut scene = Scene { cameras: self.cameras.clone(), ..scene };
+        named.into_iter().try_for_each(|camera| scene.set_camera(camera))?;
+        Ok(scene)
     }
 }
 

@@ -53,6 +53,7 @@ struct FitTable {
     parameter: Quantity,
     materials: Option<Vec<String>>,
     meshes: Option<Vec<String>>,
+    cameras: Option<Vec<String>>,
     per: Option<Per>,
     motion: Option<MotionKind>,
     together: Option<bool>,
@@ -151,7 +152,7 @@ impl JobFile {
     /// transform = [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]] # from the set's world to the scene's
     ///
     /// [[fit]]
-    /// parameter = "albedo"           # or "emission", "diffuse", "specular", "power", "position"
+    /// parameter = "albedo"           # or "emission", "diffuse", "specular", "power", "position", "camera"
     /// materials = ["red", "green"]   # default: all
     /// meshes = ["walls"]             # default: all; if both are given, triangles with both
     /// per = "material"               # or "mesh", "triangle"
@@ -168,6 +169,13 @@ impl JobFile {
     /// upper = [1, 0, 1]
     /// max_rotation_degrees = 30
     /// max_scale = 2
+    ///
+    /// [[fit]]
+    /// parameter = "camera"           # where targets were taken from: position and rotation
+    /// cameras = ["main"]             # default: those of all targets
+    /// lower = [-0.1, -0.1, -0.1]     # of the displacement, metres
+    /// upper = [0.1, 0.1, 0.1]
+    /// max_rotation_degrees = 5
     ///
     /// [loss]
     /// kind = "l2"                    # or "l1", "relative-l2", "log-l1"
@@ -292,14 +300,21 @@ impl JobFile {
 impl FitTable {
     fn fit(&self) -> Result<Fit, String> {
         let position = self.parameter == Quantity::Position;
+        let camera = self.parameter == Quantity::Camera;
         let of_positions = [
             ("motion", self.motion.is_some()),
             ("together", self.together.is_some()),
-            ("max_rotation_degrees", self.max_rotation_degrees.is_some()),
+            ("max_rotation_degrees", self.max_rotation_degrees.is_some() && !camera),
             ("max_scale", self.max_scale.is_some()),
         ];
         if let Some((key, _)) = of_positions.iter().find(|(_, given)| *given && !position) {
             return Err(format!("`{key}` is for parameter = \"position\"; remove it"));
+        }
+        if self.cameras.is_some() && !camera {
+            return Err(String::from("`cameras` is for parameter = \"camera\"; remove it"));
+        }
+        if camera && self.per.is_some() {
+            return Err(String::from("`per` is for materials; each camera moves by itself: remove it"));
         }
         if position && self.per.is_some() {
             return Err(String::from("`per` is for materials; use `motion` for positions"));
@@ -315,6 +330,7 @@ impl FitTable {
         Ok(Fit {
             materials: self.materials.clone(),
             meshes: self.meshes.clone(),
+            cameras: self.cameras.clone(),
             per: self.per.unwrap_or(usual.per),
             motion: self.motion.unwrap_or(usual.motion),
             together: self.together.unwrap_or(false),

@@ -1,4 +1,4 @@
-//! Rigid motions and scalings of a mesh, and their derivatives.
+//! Rigid motions and scalings, and their derivatives.
 
 use glam::{DMat3, DVec3};
 
@@ -38,6 +38,11 @@ impl Motion {
         let rests = *self == Self::at_rest(self.centre);
         points
             .map(move |x| if rests { x } else { self.centre + linear * (x - self.centre) + self.translation })
+    }
+
+    /// Where a point goes.
+    pub fn place(&self, point: DVec3) -> DVec3 {
+        self.apply(std::iter::once(point)).next().unwrap_or(point)
     }
 
     /// The derivative by the motion, from points before it and the derivatives by the points after it.

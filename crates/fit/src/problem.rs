@@ -2,7 +2,7 @@
 
 use super::exposure;
 use super::loss::PictureLoss;
-use super::parameters::Parameters;
+use super::parameters::{Parameters, Shown};
 use super::regulariser::Regularisers;
 use super::renderer::{RenderError, Renderer};
 use super::target::Target;
@@ -149,9 +149,10 @@ impl Problem {
         renderer: &mut dyn Renderer,
     ) -> Result<Vec<f64>, RenderError> {
         let bounds = self.parameters.bounds();
+        let steps = self.parameters.steps(DIFFERENCE);
         let mut gradient = Vec::with_capacity(x.len());
         for i in 0..x.len() {
-            let ends = [(x[i] - DIFFERENCE).max(bounds.lower[i]), (x[i] + DIFFERENCE).min(bounds.upper[i])];
+            let ends = [(x[i] - steps[i]).max(bounds.lower[i]), (x[i] + steps[i]).min(bounds.upper[i])];
             if ends[1] <= ends[0] {
                 gradient.push(0.0);
                 continue;
@@ -213,8 +214,8 @@ impl Problem {
     }
 
     /// The diagonal of the Gauss-Newton Hessian of the pictures, with the light that arrives at surfaces held fixed: most of it
-    /// where each unknown is the albedo or emission of few triangles. It takes no solve beside that at the point itself. `None` if
-    /// the loss is not quadratic, something else is unknown, or the renderer does not know.
+    /// where each unknown is the albedo or emission of few triangles, or of a camera. It takes no solve beside that at the point itself.
+    /// `None` if the loss is not quadratic, something else is unknown, or the renderer does not know.
     ///
     /// # Errors
     /// Fails if the pictures cannot be rendered, or if the scene has no solution.
@@ -225,11 +226,23 @@ impl Problem {
     ) -> Result<Option<Vec<f64>>, RenderError> {
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
         let gains = self.gains(&pictures);
-        let Some(mut weights) = self.curvatures(&exposed(&pictures, &gains)) else { return Ok(None) };
-        for (weights, gain) in weights.iter_mut().zip(gains) {
-            weights.iter_mut().for_each(|weight| *weight *= gain * gain);
+        let here = exposed(&pictures, &gains).into_owned();
+        let Some(weights) = self.curvatures(&here) else { return Ok(None) };
+        let by_radiance = |(weights, gain): (&Vec<DVec3>, &DVec3)| {
+            weights.iter().map(|weight| *weight * *gain * *gain).collect()
+        };
+        let by_radiance: Vec<Vec<DVec3>> = weights.iter().zip(&gains).map(by_radiance).collect();
+        let squares =
+            renderer.own_squares(&by_radiance).and_then(|squares| self.parameters.own_squares(&squares));
+        let Some(mut squares) = squares else { return Ok(None) };
+        for column in self.parameters.columns().iter().filter(|column| column.iter().all(Shown::is_of_views))
+        {
+            let Some(slopes) = self.slopes(x, column, &here, renderer)? else { return Ok(None) };
+            for (unknown, slopes) in slopes {
+                squares[unknown] = product(&weighted(&slopes, &weights), &slopes);
+            }
         }
-        Ok(renderer.own_squares(&weights).and_then(|squares| self.parameters.own_squares(&squares)))
+        Ok(Some(squares))
     }
 
     /// Curvatures of the loss by the pixels of exposed pictures, per view; `None` if it is not smooth.
@@ -242,7 +255,7 @@ impl Problem {
         views.map(weighted).collect()
     }
 
-    /// Pictures per view that [`Self::gauss_newton`] takes, beside that at the point itself.
+    /// Pictures per view that [`Self::gauss_newton`] takes, beside that at the point itself: six for the poses of all cameras together.
     pub fn gauss_newton_pictures(&self) -> usize {
         self.parameters.columns().len()
     }
@@ -260,42 +273,19 @@ impl Problem {
         renderer: &mut dyn Renderer,
     ) -> Result<Option<Vec<f64>>, RenderError> {
         let n = x.len();
-        let bounds = self.parameters.bounds();
-        // Into the room that there is; an unknown without room is fixed.
-        let step = |i: usize| match () {
-            () if x[i] + COLUMN_STEP <= bounds.upper[i] => COLUMN_STEP,
-            () if x[i] - COLUMN_STEP >= bounds.lower[i] => -COLUMN_STEP,
-            () => 0.0,
-        };
-        let per_unknown = |change: f64, i: usize| if step(i) == 0.0 { 0.0 } else { change / step(i) };
-        // Gains are found again for each column, whose part in them is thereby projected out.
-        let expose = |pictures: Vec<Vec<DVec3>>| {
-            let gains = self.gains(&pictures);
-            exposed(&pictures, &gains).into_owned()
-        };
-        let here = expose(renderer.pictures(&self.parameters.scene(x))?);
+        let steps = self.steps_into_room(x);
+        let per_unknown = |change: f64, i: usize| if steps[i] == 0.0 { 0.0 } else { change / steps[i] };
+        let pictures = renderer.pictures(&self.parameters.scene(x))?;
+        let here = exposed(&pictures, &self.gains(&pictures)).into_owned();
         let Some(weights) = self.curvatures(&here) else { return Ok(None) };
         let mut columns: Vec<Vec<Vec<DVec3>>> = vec![Vec::new(); n];
         for column in self.parameters.columns() {
-            let mut moved = x.to_vec();
-            column.iter().for_each(|&(i, _)| moved[i] += step(i));
-            let there = match renderer.pictures_near(&self.parameters.scene(&moved)) {
-                Err(RenderError::NoAnswer(_)) => return Ok(None),
-                pictures => expose(pictures?),
-            };
-            for (i, channel) in column {
-                let only = channel.map_or(DVec3::ONE, |c| DVec3::AXES[c]);
-                let only = only * per_unknown(1.0, i);
-                let slope = |(a, b): (&DVec3, &DVec3)| only * (b - a);
-                let views = here.iter().zip(&there).map(|(a, b)| a.iter().zip(b).map(slope).collect());
-                columns[i] = views.collect();
-            }
+            let Some(slopes) = self.slopes(x, &column, &here, renderer)? else { return Ok(None) };
+            slopes.into_iter().for_each(|(unknown, slopes)| columns[unknown] = slopes);
         }
         let mut hessian = vec![0.0; n * n];
         for i in 0..n {
-            let weighted = columns[i].iter().zip(&weights);
-            let weighted: Vec<Vec<DVec3>> =
-                weighted.map(|(j, w)| j.iter().zip(w).map(|(j, w)| j * w).collect()).collect();
+            let weighted = weighted(&columns[i], &weights);
             for j in 0..=i {
                 let entry = product(&weighted, &columns[j]);
                 (hessian[i * n + j], hessian[j * n + i]) = (entry, entry);
@@ -305,7 +295,7 @@ impl Problem {
         let at_x = gradient(x);
         for i in 0..n {
             let mut moved = x.to_vec();
-            moved[i] += step(i);
+            moved[i] += steps[i];
             let change = difference(&gradient(&moved), &at_x);
             for (j, change) in change.iter().enumerate() {
                 hessian[i * n + j] += 0.5 * per_unknown(*change, i);
@@ -314,6 +304,56 @@ impl Problem {
         }
         Ok(Some(hessian))
     }
+
+    /// Steps of forward differences, into the room that there is; 0 for an unknown without room, which is fixed.
+    fn steps_into_room(&self, x: &[f64]) -> Vec<f64> {
+        let bounds = self.parameters.bounds();
+        let into_room = |(i, step): (usize, f64)| match () {
+            () if x[i] + step <= bounds.upper[i] => step,
+            () if x[i] - step >= bounds.lower[i] => -step,
+            () => 0.0,
+        };
+        self.parameters.steps(COLUMN_STEP).into_iter().enumerate().map(into_room).collect()
+    }
+
+    /// Derivatives of the exposed pictures by the unknowns of a column, by forward differences from the exposed pictures `here`; empty for views that an
+    /// unknown does not change. `None` if there are no pictures at the end of the step.
+    fn slopes(
+        &self,
+        x: &[f64],
+        column: &[Shown],
+        here: &[Vec<DVec3>],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Option<Vec<(usize, Vec<Vec<DVec3>>)>>, RenderError> {
+        let steps = self.steps_into_room(x);
+        let mut moved = x.to_vec();
+        column.iter().for_each(|shown| moved[shown.unknown] += steps[shown.unknown]);
+        let there = match renderer.pictures_near(&self.parameters.scene(&moved)) {
+            Err(RenderError::NoAnswer(_)) => return Ok(None),
+            pictures => pictures?,
+        };
+        // Gains are found again, whose part in the derivatives is thereby projected out.
+        let there = exposed(&there, &self.gains(&there)).into_owned();
+        let slopes = |shown: &Shown| {
+            let step = steps[shown.unknown];
+            let only = shown.channel.map_or(DVec3::ONE, |c| DVec3::AXES[c]);
+            let only = if step == 0.0 { DVec3::ZERO } else { only / step };
+            let slope = |(a, b): (&DVec3, &DVec3)| only * (b - a);
+            let of_view = |(view, (a, b)): (usize, (&Vec<DVec3>, &Vec<DVec3>))| match shown.changes(view) {
+                true => a.iter().zip(b).map(slope).collect(),
+                false => Vec::new(),
+            };
+            (shown.unknown, here.iter().zip(&there).enumerate().map(of_view).collect())
+        };
+        Ok(Some(column.iter().map(slopes).collect()))
+    }
+}
+
+fn weighted(slopes: &[Vec<DVec3>], weights: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
+    let of_view = |(slopes, weights): (&Vec<DVec3>, &Vec<DVec3>)| {
+        slopes.iter().zip(weights).map(|(slope, weight)| slope * weight).collect()
+    };
+    slopes.iter().zip(weights).map(of_view).collect()
 }
 
 /// Pictures in the unit of their targets.

@@ -139,6 +139,9 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
         Regulariser::Smoothness { of: Quantity::Position, .. } => {
             Err(String::from("smoothness of positions is kind = \"laplacian\""))
         }
+        Regulariser::Smoothness { of: Quantity::Camera, .. } => Err(String::from(
+            "cameras have no neighbours: use kind = \"prior\" to keep them where they are given",
+        )),
         Regulariser::Smoothness { of, .. } => {
             let fitted = parameters.triangles_of(*of);
             if !fitted.contains(&true) {
@@ -186,7 +189,7 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
             let values = match value {
                 None => unknowns.iter().map(|&i| parameters.start()[i]).collect(),
                 Some(value) => parameters.unknowns_for(*of, *value).ok_or_else(|| {
-                    String::from("the prior of a position is where it starts: leave `value` out")
+                    format!("the prior of a {} is where it starts: leave `value` out", of.word())
                 })?,
             };
             let weight = weight / unknowns.len() as f64;
@@ -215,7 +218,7 @@ fn values(scene: &Scene, of: Quantity, triangle: u32, scale: f64) -> ([f64; 3], 
         Quantity::Specular => rgb(material.specular),
         Quantity::Diffuse => rgb([material.diffuse, 0.0, 0.0]),
         Quantity::Power => ([material.power.ln_1p(), 0.0, 0.0], 1.0 / (1.0 + material.power)),
-        Quantity::Position => ([0.0; 3], 0.0),
+        Quantity::Position | Quantity::Camera => ([0.0; 3], 0.0),
     }
 }
 

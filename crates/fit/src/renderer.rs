@@ -71,12 +71,12 @@ pub struct OwnSquares {
     pub emission: Vec<DVec3>,
 }
 
-/// Renders scenes that differ in materials and positions only, from fixed cameras.
+/// Renders scenes that differ in materials, positions and cameras only. The views are those of the scene's cameras.
 pub trait Renderer {
     /// Estimated cost of an evaluation of `planning`. An error if it is impossible, usually for lack of memory.
     fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError>;
 
-    /// Pictures from all cameras: linear RGB, row by row from the top, W/(m² sr). The same calls in the same order give the
+    /// Pictures from all cameras of the scene: linear RGB, row by row from the top, W/(m² sr). The same calls in the same order give the
     /// same bytes; solves may start from earlier ones.
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError>;
 

@@ -1,4 +1,4 @@
-//! Selects the triangles or vertices of a [`Fit`], and groups those that share a value.
+//! Selects the triangles, vertices or views of a [`Fit`], and groups those that share a value.
 
 use super::parameters::{Fit, MotionKind, ParameterError, Per};
 use antirad_render::render::Quantity;
@@ -8,7 +8,7 @@ use std::collections::HashMap;
 /// The selection of a [`Fit`].
 #[derive(Debug)]
 pub(super) struct Selected {
-    /// Groups with a name and the triangles (for positions, vertices) that share a value. Groups are disjoint.
+    /// Groups with a name and the triangles (for positions vertices, for cameras views) that share a value. Groups are disjoint.
     pub groups: Vec<(String, Vec<u32>)>,
     /// Mean length of the selected edges, m; 1 if there are none.
     pub edge: f64,
@@ -16,6 +16,13 @@ pub(super) struct Selected {
 
 /// Selects; the error says what is wrong.
 pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
+    if fit.quantity == Quantity::Camera {
+        return views(scene, fit);
+    }
+    if fit.cameras.is_some() {
+        let word = fit.quantity.word();
+        return Err(format!("{word} is not of cameras: use `materials` or `meshes` instead of `cameras`"));
+    }
     let materials = indices("material", &fit.materials, scene.materials.iter().map(|m| m.name.as_str()))?;
     let meshes = indices("mesh", &fit.meshes, scene.meshes.iter().map(|m| m.name.as_str()))?;
     if fit.quantity == Quantity::Position {
@@ -103,6 +110,34 @@ fn vertices(scene: &Scene, fit: &Fit, meshes: Option<Vec<usize>>) -> Result<Sele
     Ok(Selected { groups, edge: if edge > 0.0 { edge } else { 1.0 } })
 }
 
+/// Views of equal cameras are views of one.
+fn views(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
+    for (key, given) in [("materials", &fit.materials), ("meshes", &fit.meshes)] {
+        if given.is_some() {
+            return Err(format!("a camera belongs to a target: use `cameras` instead of `{key}`"));
+        }
+    }
+    let named = |name: &str| fit.cameras.as_ref().is_none_or(|names| names.iter().any(|n| n == name));
+    let known = scene.cameras.iter().map(|camera| camera.name.as_str());
+    for name in fit.cameras.iter().flatten() {
+        if !known.clone().any(|known| known == name) {
+            return Err(unknown_of("no target has the camera", name, "they have", known));
+        }
+    }
+    let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
+    for (view, camera) in (0..).zip(&scene.cameras).filter(|(_, camera)| named(&camera.name)) {
+        let same = |(_, views): &&mut (String, Vec<u32>)| scene.cameras[views[0] as usize] == *camera;
+        match groups.iter_mut().find(same) {
+            Some((_, views)) => views.push(view),
+            None => groups.push((camera.name.clone(), vec![view])),
+        }
+    }
+    match groups.is_empty() {
+        true => Err(String::from("no camera is selected; name one of a target")),
+        false => Ok(Selected { groups, edge: 1.0 }),
+    }
+}
+
 /// Indices of names; an unknown name is an error that suggests the closest.
 fn indices<'a>(
     what: &str,
@@ -118,15 +153,25 @@ fn indices<'a>(
 
 /// The message for an unknown name.
 pub(super) fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'a str> + Clone) -> String {
+    unknown_of(&format!("the scene has no {what}"), name, "it has", known)
+}
+
+/// The message for a name that none of those known is.
+fn unknown_of<'a>(
+    there_is_no: &str,
+    name: &str,
+    there_are: &str,
+    known: impl Iterator<Item = &'a str> + Clone,
+) -> String {
     match nearest(name, known.clone()) {
-        Some(near) => format!("the scene has no {what} \"{name}\"; did you mean \"{near}\"?"),
+        Some(near) => format!("{there_is_no} \"{name}\"; did you mean \"{near}\"?"),
         None => {
             // A scene may have as many materials as triangles.
             let mut list: Vec<&str> = known.take(21).collect();
             if list.len() > 20 {
                 list[20] = "…";
             }
-            format!("the scene has no {what} \"{name}\"; it has: {}", list.join(", "))
+            format!("{there_is_no} \"{name}\"; {there_are}: {}", list.join(", "))
         }
     }
 }
@@ -141,7 +186,11 @@ pub(super) fn check_overlaps(
     for (fit, (what, selected)) in fits.iter().zip(selected).enumerate() {
         for member in selected.groups.iter().flat_map(|(_, members)| members) {
             let refuse = |message: String| Err(ParameterError { fit, message });
-            let of = if what.quantity == Quantity::Position { "vertex" } else { "triangle" };
+            let of = match what.quantity {
+                Quantity::Position => "vertex",
+                Quantity::Camera => "target",
+                _ => "triangle",
+            };
             let word = what.quantity.word();
             match taken.insert((what.quantity, *member), fit) {
                 Some(first) if first != fit => {
@@ -176,8 +225,9 @@ pub(super) fn check_overlaps(
 /// Per triangle, a label for [`Scene::split_materials`]: triangles differ in label if some fit distinguishes them.
 pub(super) fn labels(scene: &Scene, fits: &[Fit], selected: &[Selected]) -> Vec<u64> {
     let mut labels = vec![0u64; scene.triangles.len()];
-    // Members of position fits are vertices; such fits do not distinguish triangles.
-    let of_materials = fits.iter().zip(selected).filter(|(fit, _)| fit.quantity != Quantity::Position);
+    // Members of other fits are vertices or views; such fits do not distinguish triangles.
+    let of_triangles = |fit: &Fit| !matches!(fit.quantity, Quantity::Position | Quantity::Camera);
+    let of_materials = fits.iter().zip(selected).filter(|(fit, _)| of_triangles(fit));
     for (fit, selected) in of_materials {
         let mut group_of = vec![0u64; scene.triangles.len()];
         for ((_, members), group) in selected.groups.iter().zip(1..) {

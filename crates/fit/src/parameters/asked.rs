@@ -58,6 +58,8 @@ pub struct Fit {
     pub materials: Option<Vec<String>>,
     /// Names of meshes. `None`: all.
     pub meshes: Option<Vec<String>>,
+    /// For cameras: names of those of targets. `None`: all.
+    pub cameras: Option<Vec<String>>,
     /// Which triangles share a value.
     pub per: Per,
     /// For [`Per::Texel`]: columns and rows of each texture; `None`: 64.
@@ -66,13 +68,13 @@ pub struct Fit {
     pub motion: MotionKind,
     /// For positions: the meshes move as one body instead of separately.
     pub together: bool,
-    /// Lower bound in the unit of the quantity; for positions, of the displacement from the scene, m.
+    /// Lower bound in the unit of the quantity; for positions and cameras, of the displacement from where they are given, m.
     pub lower: Option<[f64; 3]>,
     /// Upper bound, in the same unit as the lower one.
     pub upper: Option<[f64; 3]>,
     /// Initial value; `None`: that of the scene.
     pub initial: Option<[f64; 3]>,
-    /// Largest component of a rotation vector, degrees.
+    /// Largest component of a rotation vector, degrees; `None`: 180, and 5 for cameras.
     pub max_rotation_degrees: Option<f64>,
     /// Largest factor of size; its reciprocal is the smallest.
     pub max_scale: Option<f64>,
@@ -82,6 +84,7 @@ setters!(Fit {
     quantity: Quantity,
     materials: Option<Vec<String>>,
     meshes: Option<Vec<String>>,
+    cameras: Option<Vec<String>>,
     per: Per,
     resolution: Option<u32>,
     motion: MotionKind,
@@ -100,6 +103,7 @@ impl Fit {
             quantity,
             materials: None,
             meshes: None,
+            cameras: None,
             per: Per::default(),
             resolution: None,
             motion: MotionKind::Rigid,

@@ -2,7 +2,7 @@
 
 use super::super::limit::{LIMIT, largest_lobe, lobe, unlimited};
 use super::super::optimiser::Bounds;
-use super::{Fit, ParameterError, Parameters, What, to_unknown};
+use super::{Fit, ParameterError, Parameters, What, pose, to_unknown};
 use antirad_render::render::Quantity;
 use antirad_scene::Material;
 
@@ -10,6 +10,10 @@ use antirad_scene::Material;
 const MAX_ALBEDO: f64 = 0.99;
 /// Default upper bound of the power: sharper lobes are finer than any bins.
 const MAX_POWER: f64 = 1e4;
+/// Default bounds of rotation vectors, degrees: a mesh may turn anyhow, while a camera is known rather well.
+const MAX_ROTATION: f64 = 180.0;
+const MAX_ROTATION_OF_CAMERAS: f64 = 5.0;
+
 impl Parameters {
     pub(super) fn set_bounds(&mut self, fit: usize) -> Result<(), ParameterError> {
         let what = self.fits[fit].clone();
@@ -61,12 +65,7 @@ impl Parameters {
                     for axis in 0..if parts[0] { 3 } else { 0 } {
                         put(&mut self.bounds, lower[axis] / block.scale, upper[axis] / block.scale);
                     }
-                    let angle = what.max_rotation_degrees.unwrap_or(180.0);
-                    if !(angle > 0.0 && angle <= 180.0) {
-                        return Err(refuse(format!(
-                            "max_rotation_degrees is {angle}; it must lie in 0 to 180"
-                        )));
-                    }
+                    let angle = largest_rotation(&what, MAX_ROTATION).map_err(refuse)?;
                     for _ in 0..if parts[1] { 3 } else { 0 } {
                         put(&mut self.bounds, -angle.to_radians(), angle.to_radians());
                     }
@@ -100,6 +99,17 @@ impl Parameters {
                         self.bounds.upper[block.first + axis] = upper[axis] / block.scale;
                     }
                 }
+                What::Camera { .. } => {
+                    let (lower, upper) = displacement(&what).map_err(refuse)?;
+                    let angle = largest_rotation(&what, MAX_ROTATION_OF_CAMERAS).map_err(refuse)?;
+                    for axis in 0..3 {
+                        let [way, turn] = [block.first + axis, block.first + 3 + axis];
+                        (self.bounds.lower[way], self.bounds.upper[way]) =
+                            (lower[axis] / block.scale, upper[axis] / block.scale);
+                        let angle = pose::largest_rotation(angle);
+                        (self.bounds.lower[turn], self.bounds.upper[turn]) = (-angle, angle);
+                    }
+                }
             }
         }
         Ok(())
@@ -123,7 +133,7 @@ impl Parameters {
                 largest_lobe(powers, material.normalization)
             };
             let here = [0, 1, 2].map(|c| match quantity {
-                Quantity::Emission | Quantity::Position => f64::INFINITY,
+                Quantity::Emission | Quantity::Position | Quantity::Camera => f64::INFINITY,
                 Quantity::Albedo => {
                     let budget = MAX_ALBEDO.min(LIMIT - material.specular[c] * lobe);
                     (budget / material.diffuse).min(MAX_ALBEDO)
@@ -172,13 +182,23 @@ impl Parameters {
     }
 }
 
+/// The bound on the components of rotation vectors, degrees.
+fn largest_rotation(fit: &Fit, usual: f64) -> Result<f64, String> {
+    let angle = fit.max_rotation_degrees.unwrap_or(usual);
+    match angle > 0.0 && angle <= MAX_ROTATION {
+        true => Ok(angle),
+        false => Err(format!("max_rotation_degrees is {angle}; it must lie in 0 to {MAX_ROTATION}")),
+    }
+}
+
 fn displacement(fit: &Fit) -> Result<([f64; 3], [f64; 3]), String> {
     let (lower, upper) =
         (fit.lower.unwrap_or([f64::NEG_INFINITY; 3]), fit.upper.unwrap_or([f64::INFINITY; 3]));
     let ordered = |axis: &usize| lower[*axis] <= upper[*axis];
     match (0..3).find(|axis| !ordered(axis)) {
         Some(axis) => {
-            Err(format!("position: bounds {} to {}; the lower one comes first", lower[axis], upper[axis]))
+            let word = fit.quantity.word();
+            Err(format!("{word}: bounds {} to {}; the lower one comes first", lower[axis], upper[axis]))
         }
         None => Ok((lower, upper)),
     }

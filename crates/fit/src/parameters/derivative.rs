@@ -2,7 +2,7 @@
 
 use super::super::limit::{limit, lobe};
 use super::{Parameters, What};
-use antirad_render::render::{Quantity, SceneGradient};
+use antirad_render::render::{CameraGradient, Quantity, SceneGradient};
 use glam::DVec3;
 
 /// RGB derivatives per [`Quantity`]; `None` if it is not fitted.
@@ -47,6 +47,12 @@ impl Parameters {
                     let Some(by_position) = &gradient.positions else { continue };
                     let sum: DVec3 = vertices.iter().map(|&v| by_position[v as usize]).sum();
                     to.iter_mut().zip((block.scale * sum).to_array()).for_each(|(to, number)| *to += number);
+                }
+                What::Camera { views } => {
+                    let Some(by_cameras) = &gradient.cameras else { continue };
+                    let mut sum = CameraGradient::default();
+                    views.iter().for_each(|&view| sum += by_cameras[view]);
+                    to.copy_from_slice(&self.pose(block, views).pull_back(&x[block.first..], &sum));
                 }
             }
         }

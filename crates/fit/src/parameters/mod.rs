@@ -8,6 +8,7 @@
 mod asked;
 mod bounds;
 mod derivative;
+mod pose;
 mod recovered;
 mod textures;
 mod unseen;
@@ -25,6 +26,7 @@ use antirad_core::plan::GradientRequest;
 use antirad_render::render::Quantity;
 use antirad_scene::{Material, Painting, Scene, bounds};
 use glam::DVec3;
+use pose::Pose;
 use std::collections::HashMap;
 
 /// A [`Fit`] is invalid for the scene.
@@ -42,7 +44,7 @@ pub struct ParameterError {
 #[derive(Clone, Debug)]
 struct ParameterBlock {
     fit: usize,
-    /// Material, mesh or triangle.
+    /// Material, mesh, triangle or camera.
     name: String,
     /// Index of the first unknown.
     first: usize,
@@ -61,6 +63,29 @@ enum What {
     Motion { vertices: Vec<u32>, centre: DVec3, parts: [bool; 3] },
     /// Vertices at one place.
     Vertex { vertices: Vec<u32> },
+    /// Views of one camera.
+    Camera { views: Vec<usize> },
+}
+
+/// An unknown among those whose derivatives one change of the scene shows, and where in the pictures it does.
+pub(super) struct Shown {
+    pub unknown: usize,
+    /// The only channel that it changes.
+    pub channel: Option<usize>,
+    /// The only views that it changes.
+    pub views: Option<Vec<usize>>,
+}
+
+impl Shown {
+    /// Whether it is of some views alone, as the pose of a camera is.
+    pub fn is_of_views(&self) -> bool {
+        self.views.is_some()
+    }
+
+    /// Whether it changes the picture of a view.
+    pub fn changes(&self, view: usize) -> bool {
+        self.views.as_ref().is_none_or(|views| views.contains(&view))
+    }
 }
 
 impl ParameterBlock {
@@ -72,6 +97,7 @@ impl ParameterBlock {
             }
             What::Vertex { .. } => 3,
             What::Texture { texels, .. } => 3 * texels,
+            What::Camera { .. } => pose::UNKNOWNS,
         }
     }
 }
@@ -98,8 +124,8 @@ pub struct Parameters {
 const CHECKED_POWER: f64 = 1e5;
 
 impl Parameters {
-    /// The unknowns of some fits to a scene. `brightness`: a typical radiance of lamps, W/(m² sr), the scale
-    /// of emissions.
+    /// The unknowns of some fits to a scene, whose cameras are those of the views. `brightness`: a typical radiance of lamps, W/(m² sr), the
+    /// scale of emissions.
     ///
     /// # Errors
     /// Fails if a fit selects nothing in the scene or what cannot be fitted, if fits overlap, or if an
@@ -147,7 +173,7 @@ impl Parameters {
     pub fn movable(&self) -> Vec<u32> {
         let of = |block: &ParameterBlock| match &block.what {
             What::Motion { vertices, .. } | What::Vertex { vertices } => vertices.clone(),
-            What::Material { .. } | What::Texture { .. } => Vec::new(),
+            What::Material { .. } | What::Texture { .. } | What::Camera { .. } => Vec::new(),
         };
         self.blocks.iter().flat_map(of).collect()
     }
@@ -167,9 +193,13 @@ impl Parameters {
             Quantity::Specular => &mut w.specular,
             Quantity::Power => &mut w.power,
             Quantity::Position => &mut w.positions,
+            Quantity::Camera => &mut w.camera,
         } = true;
         for (name, members) in &selected.groups {
-            let (scale, what) = if quantity == Quantity::Position {
+            let (scale, what) = if quantity == Quantity::Camera {
+                let views: Vec<usize> = members.iter().map(|&view| view as usize).collect();
+                (pose::scale(&self.base, &self.base.cameras[views[0]]), What::Camera { views })
+            } else if quantity == Quantity::Position {
                 let place = |v: &u32| self.base.vertices[*v as usize];
                 let (low, high) = bounds(members.iter().map(place));
                 match self.fits[fit].motion {
@@ -207,6 +237,9 @@ impl Parameters {
         let refuse = |message: String| Err(ParameterError { fit, message });
         if let Some(initial) = what.initial {
             let word = what.quantity.word();
+            if what.quantity == Quantity::Camera {
+                return refuse(String::from("a camera starts where it is given: leave `initial` out"));
+            }
             if what.quantity != Quantity::Position && initial.iter().any(|v| !(*v >= 0.0 && v.is_finite())) {
                 return refuse(format!("initial {word} is {initial:?}; it must be finite and 0 or more"));
             }
@@ -248,7 +281,7 @@ impl Parameters {
                         self.base.set_painting(&self.paintings[*painting], texels);
                     }
                 }
-                What::Motion { .. } | What::Vertex { .. } => {}
+                What::Motion { .. } | What::Vertex { .. } | What::Camera { .. } => {}
             }
         }
         Ok(())
@@ -315,6 +348,10 @@ impl Parameters {
                     }
                     moved = true;
                 }
+                What::Camera { views } => {
+                    let camera = self.pose(block, views).moved(&x[block.first..]);
+                    views.iter().for_each(|&view| scene.cameras[view].clone_from(&camera));
+                }
             }
         }
         if moved {
@@ -348,7 +385,7 @@ impl Parameters {
                     }
                     Quantity::Albedo => material.albedo[1] = 0.9 * material.albedo[1] + 1e-6,
                     Quantity::Emission => material.emission[1] = 0.9 * material.emission[1] + 1e-6,
-                    Quantity::Diffuse | Quantity::Power | Quantity::Position => {}
+                    Quantity::Diffuse | Quantity::Power | Quantity::Position | Quantity::Camera => {}
                 }
             }
         }
@@ -396,6 +433,11 @@ impl Parameters {
         motion
     }
 
+    /// The pose that is unknown of some views.
+    fn pose(&self, block: &ParameterBlock, views: &[usize]) -> Pose<'_> {
+        Pose { camera: &self.base.cameras[views[0]], scale: block.scale }
+    }
+
     /// Unknowns of a quantity, for regularisers.
     pub fn unknowns_of(&self, quantity: Quantity) -> Vec<usize> {
         let blocks = self.blocks.iter().filter(|block| self.fits[block.fit].quantity == quantity);
@@ -403,35 +445,61 @@ impl Parameters {
     }
 
     /// Groups of unknowns whose derivatives one change of the scene shows: the channels of a colour, which do not mix in any
-    /// picture, with the channel of each; or an unknown alone.
-    pub(super) fn columns(&self) -> Vec<Vec<(usize, Option<usize>)>> {
-        let mut columns = Vec::new();
+    /// picture; the same coordinate of the poses of all cameras, each of which changes its own pictures; or an unknown alone. Those of
+    /// cameras come first: a renderer needs no other light for them.
+    pub(super) fn columns(&self) -> Vec<Vec<Shown>> {
+        let (mut of_cameras, mut columns) = (Vec::new(), Vec::new());
         for block in &self.blocks {
             let unknowns = block.first..block.first + block.unknowns();
+            let alone = |unknown| Shown { unknown, channel: None, views: None };
             match &block.what {
                 What::Material { quantity, .. } if quantity.channels() == 3 => {
-                    columns.push(unknowns.enumerate().map(|(channel, at)| (at, Some(channel))).collect());
+                    let of_channel = |(c, unknown)| Shown { channel: Some(c), ..alone(unknown) };
+                    columns.push(unknowns.enumerate().map(of_channel).collect());
                 }
-                _ => columns.extend(unknowns.map(|at| vec![(at, None)])),
+                What::Camera { views } => {
+                    of_cameras.resize_with(block.unknowns(), Vec::new);
+                    for (column, unknown) in of_cameras.iter_mut().zip(unknowns) {
+                        column.push(Shown { views: Some(views.clone()), ..alone(unknown) });
+                    }
+                }
+                _ => columns.extend(unknowns.map(|unknown| vec![alone(unknown)])),
             }
         }
-        columns
+        of_cameras.extend(columns);
+        of_cameras
+    }
+
+    /// The step of a finite difference for each unknown: `usual`, or what moves the picture of a camera by half a pixel, since edges pass
+    /// the samples of a picture one by one.
+    pub(super) fn steps(&self, usual: f64) -> Vec<f64> {
+        let of_block = |block: &ParameterBlock| match &block.what {
+            What::Camera { views } => {
+                vec![pose::half_a_pixel(&self.base.cameras[views[0]]); block.unknowns()]
+            }
+            _ => vec![usual; block.unknowns()],
+        };
+        self.blocks.iter().flat_map(of_block).collect()
     }
 
     /// Squares of derivatives by the unknowns, from those by triangles, which add up where triangles share an unknown. `None` if
-    /// something else than albedo and emission is unknown.
+    /// something else than albedo and emission is unknown, apart from cameras, whose squares are left zero.
     pub(super) fn own_squares(&self, by_triangles: &OwnSquares) -> Option<Vec<f64>> {
         let mut by_unknowns = vec![0.0; self.len()];
         for block in &self.blocks {
-            if let What::Texture { painting, .. } = &block.what {
-                // A pixel is about as large as a texel.
-                let to = &mut by_unknowns[block.first..block.first + block.unknowns()];
-                let mut squares = vec![DVec3::ZERO; to.len() / 3];
-                self.paintings[*painting].pull_back(|t| by_triangles.albedo[t], &mut squares);
-                to.iter_mut().zip(squares.iter().flat_map(|s| s.to_array())).for_each(|(to, s)| *to = s);
-                continue;
-            }
-            let What::Material { quantity, triangles, .. } = &block.what else { return None };
+            let (quantity, triangles) = match &block.what {
+                What::Material { quantity, triangles, .. } => (quantity, triangles),
+                What::Texture { painting, .. } => {
+                    // A pixel is about as large as a texel.
+                    let to = &mut by_unknowns[block.first..block.first + block.unknowns()];
+                    let mut squares = vec![DVec3::ZERO; to.len() / 3];
+                    self.paintings[*painting].pull_back(|t| by_triangles.albedo[t], &mut squares);
+                    to.iter_mut().zip(squares.iter().flat_map(|s| s.to_array())).for_each(|(to, s)| *to = s);
+                    continue;
+                }
+                What::Camera { .. } => continue,
+                What::Motion { .. } | What::Vertex { .. } => return None,
+            };
             let of = match quantity {
                 Quantity::Albedo => &by_triangles.albedo,
                 Quantity::Emission => &by_triangles.emission,
@@ -449,9 +517,9 @@ impl Parameters {
         x[block.first..block.first + block.unknowns()].chunks_exact(3).map(DVec3::from_slice).collect()
     }
 
-    /// The unknowns for an RGB value of a quantity, per channel of [`Self::unknowns_of`]; `None` for positions.
+    /// The unknowns for an RGB value of a quantity, per channel of [`Self::unknowns_of`]; `None` for positions and cameras.
     pub fn unknowns_for(&self, quantity: Quantity, value: [f64; 3]) -> Option<Vec<f64>> {
-        if quantity == Quantity::Position {
+        if matches!(quantity, Quantity::Position | Quantity::Camera) {
             return None;
         }
         let blocks = self.blocks.iter().filter(|block| self.fits[block.fit].quantity == quantity);
@@ -486,7 +554,7 @@ impl Parameters {
         for block in &self.blocks {
             match &block.what {
                 What::Vertex { vertices } => places.push(vertices.clone()),
-                What::Material { .. } | What::Motion { .. } | What::Texture { .. } => {}
+                What::Material { .. } | What::Motion { .. } | What::Texture { .. } | What::Camera { .. } => {}
             }
         }
         places
@@ -506,7 +574,7 @@ fn get(material: &Material, quantity: Quantity) -> [f64; 3] {
         Quantity::Specular => material.specular,
         Quantity::Diffuse => [material.diffuse, 0.0, 0.0],
         Quantity::Power => [material.power, 0.0, 0.0],
-        Quantity::Position => [0.0; 3],
+        Quantity::Position | Quantity::Camera => [0.0; 3],
     }
 }
 
@@ -517,7 +585,7 @@ fn set(material: &mut Material, quantity: Quantity, value: [f64; 3]) {
         Quantity::Specular => material.specular = value,
         Quantity::Diffuse => material.diffuse = value[0],
         Quantity::Power => material.power = value[0],
-        Quantity::Position => {}
+        Quantity::Position | Quantity::Camera => {}
     }
 }
 

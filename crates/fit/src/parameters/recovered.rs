@@ -11,7 +11,7 @@ use serde::Serialize;
 pub struct Recovered {
     /// The quantity.
     pub quantity: &'static str,
-    /// Material, mesh, or triangle by its index.
+    /// Material, mesh, triangle by its index, or camera.
     pub of: String,
     /// Unit of the values; "1" for dimensionless ones.
     pub unit: &'static str,
@@ -84,6 +84,16 @@ impl Parameters {
                         vertices.first().map_or(vec![], |&v| scene.vertices[v as usize].to_array().to_vec())
                     };
                     push("position", "m", value(&found), value(&initial), &at_bound);
+                }
+                What::Camera { views } => {
+                    let pose = self.pose(block, views);
+                    let [now, before] = [x, &self.start[..]].map(|x| pose.motion(&x[block.first..]));
+                    let place = |scene: &Scene| scene.cameras[views[0]].position.to_array().to_vec();
+                    push("camera position", "m", place(&found), place(&initial), &at_bound[..3]);
+                    let way = |motion: &Motion| motion.translation.to_array().to_vec();
+                    push("camera displacement", "m", way(&now), way(&before), &at_bound[..3]);
+                    let turn = |motion: &Motion| motion.rotation.to_array().map(f64::to_degrees).to_vec();
+                    push("camera rotation vector", "degrees", turn(&now), turn(&before), &at_bound[3..]);
                 }
             }
         }

@@ -47,6 +47,8 @@ impl Parameters {
             What::Motion { vertices, .. } | What::Vertex { vertices } => {
                 vertices.iter().any(|&v| vertex_seen[v as usize])
             }
+            // It shows itself.
+            What::Camera { .. } => true,
         };
         let of = |(fit, what): (usize, &super::Fit)| {
             let blocks = || self.blocks.iter().filter(move |block| block.fit == fit);

@@ -179,9 +179,9 @@ impl Coverage {
     }
 
     /// Per triangle, whether its front is visible in at least one sample of at least one of these views of the scene.
-    pub fn seen(views: &[Self], triangles: usize) -> Vec<bool> {
+    pub fn seen<'a>(views: impl IntoIterator<Item = &'a Self>, triangles: usize) -> Vec<bool> {
         let mut seen = vec![false; triangles];
-        views.iter().flat_map(Self::faces).for_each(|face| seen[face] = true);
+        views.into_iter().flat_map(Self::faces).for_each(|face| seen[face] = true);
         seen
     }
 

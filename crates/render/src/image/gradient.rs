@@ -8,7 +8,7 @@
 //!
 //! Lines run through the centres of the samples; the visible faces along them are found exactly ([`super::sweep`]).
 
-use std::ops::Range;
+use std::ops::{AddAssign, Range};
 
 use glam::DVec3;
 
@@ -28,15 +28,33 @@ const BLOCK: u32 = 16;
 /// Blocks whose lists of faces and sums are in memory at a time.
 const BLOCKS: u32 = 64;
 
-/// The derivatives of a loss with respect to positions of vertices and camera, per metre.
+/// Derivatives of a loss by a camera: by each of its three vectors with the two others held fixed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CameraGradient {
+    /// By [`Camera::position`], per metre: the camera turns as it moves.
+    pub position: DVec3,
+    /// By [`Camera::target`], per metre.
+    pub target: DVec3,
+    /// By [`Camera::up`], per unit of its length: zero within the plane of up and the line of sight, where only its turning about that line
+    /// changes the picture.
+    pub up: DVec3,
+}
+
+impl AddAssign for CameraGradient {
+    fn add_assign(&mut self, other: Self) {
+        self.position += other.position;
+        self.target += other.target;
+        self.up += other.up;
+    }
+}
+
+/// The derivatives of a loss with respect to positions of vertices, per metre, and the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeometryGradient {
     /// With respect to each vertex of the scene.
     pub vertices: Vec<DVec3>,
-    /// With respect to [`Camera::position`], target and up held fixed: the camera turns as it moves.
-    pub position: DVec3,
-    /// With respect to [`Camera::target`], position and up held fixed.
-    pub target: DVec3,
+    /// With respect to the camera.
+    pub camera: CameraGradient,
 }
 
 /// The derivatives of a loss with respect to the positions of vertices and camera, through visibility: silhouettes, occlusion,
@@ -119,8 +137,7 @@ pub fn geometry_gradient_of(
         *gradient = if movable.vertex(vertex) { *gradient } else { DVec3::ZERO };
     }
     let gradient = to_metres(scene, camera, &view, vertices);
-    let none = DVec3::ZERO;
-    Ok(if whole { gradient } else { GeometryGradient { position: none, target: none, ..gradient } })
+    Ok(if whole { gradient } else { GeometryGradient { camera: CameraGradient::default(), ..gradient } })
 }
 
 /// The lines in one direction.
@@ -391,18 +408,17 @@ fn to_metres(scene: &Scene, camera: &Camera, view: &View, in_frame: Vec<DVec3>) 
     };
     let vertices = in_frame.into_iter().zip(&scene.vertices).map(to_scene).collect();
 
-    let (position, target) = camera_gradient(camera, -moved, [of_right, of_up, of_forward]);
-    GeometryGradient { vertices, position, target }
+    GeometryGradient { vertices, camera: camera_gradient(camera, -moved, [of_right, of_up, of_forward]) }
 }
 
-/// Derivatives of a loss by a camera's position and target, from those by its position with the axes of its [`View`] held fixed, and by
-/// these axes: right, up and forward.
+/// Derivatives of a loss by a camera, from those by its position with the axes of its [`View`] held fixed, and by these axes: right, up and
+/// forward.
 pub fn camera_gradient(
     camera: &Camera,
     position: DVec3,
     [of_right, of_up, of_forward]: [DVec3; 3],
-) -> (DVec3, DVec3) {
-    // up = right × forward; right = s / |s|, s = forward × u; forward = f / |f|, f = target - position.
+) -> CameraGradient {
+    // up = right × forward; right = s / |s|, s = forward × u; forward = f / |f|, f = target - position; u = up / |up|.
     let View { right, forward, .. } = View::new(camera);
     let of_right = of_right + forward.cross(of_up);
     let of_forward = of_forward + of_up.cross(right);
@@ -410,5 +426,6 @@ pub fn camera_gradient(
     let of_s = of_right.reject_from_normalized(right) / forward.cross(u).length();
     let of_forward = of_forward + u.cross(of_s);
     let target = of_forward.reject_from_normalized(forward) / (camera.target - camera.position).length();
-    (position - target, target)
+    let up = of_s.cross(forward).reject_from_normalized(u) / camera.up.length();
+    CameraGradient { position: position - target, target, up }
 }

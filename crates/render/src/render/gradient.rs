@@ -1,5 +1,6 @@
 //! Derivatives of a loss by the quantities of a scene.
 
+use crate::image::CameraGradient;
 use antirad_core::Gradients;
 use antirad_core::plan::GradientRequest;
 use antirad_scene::Scene;
@@ -21,22 +22,26 @@ pub enum Quantity {
     Power,
     /// Positions of vertices, metres.
     Position,
+    /// Poses of cameras: positions, metres, and rotations, radians.
+    Camera,
 }
 
 impl Quantity {
-    /// Values per triangle or vertex.
+    /// Values per triangle, vertex or camera.
     pub fn channels(self) -> usize {
         match self {
             Self::Diffuse | Self::Power => 1,
             Self::Emission | Self::Albedo | Self::Specular | Self::Position => 3,
+            Self::Camera => 6,
         }
     }
 
-    /// Unit of its values: "W/(m² sr)", "m", or "1" for dimensionless ones.
+    /// Unit of its values: "W/(m² sr)", "m", "m, rad", or "1" for dimensionless ones.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Emission => "W/(m² sr)",
             Self::Position => "m",
+            Self::Camera => "m, rad",
             Self::Diffuse | Self::Albedo | Self::Specular | Self::Power => "1",
         }
     }
@@ -50,17 +55,9 @@ impl Quantity {
             Self::Specular => "specular",
             Self::Power => "power",
             Self::Position => "position",
+            Self::Camera => "camera",
         }
     }
-}
-
-/// Derivatives of a loss by a camera, per metre.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CameraGradient {
-    /// Derivative by the position, with target and up held fixed: the camera turns as it moves.
-    pub position: DVec3,
-    /// Derivative by the target, with position and up held fixed.
-    pub target: DVec3,
 }
 
 /// Derivatives of a loss, as far as requested.
@@ -160,7 +157,7 @@ impl SceneGradient {
             Quantity::Albedo => rgb(&self.albedo),
             Quantity::Specular => rgb(&self.specular),
             Quantity::Power => scalar(&self.power),
-            Quantity::Position => [0.0; 3],
+            Quantity::Position | Quantity::Camera => [0.0; 3],
         }
     }
 
@@ -182,7 +179,7 @@ impl SceneGradient {
             Quantity::Albedo => rgb(&mut self.albedo),
             Quantity::Specular => rgb(&mut self.specular),
             Quantity::Power => scalar(&mut self.power),
-            Quantity::Position => {}
+            Quantity::Position | Quantity::Camera => {}
         }
     }
 }
@@ -198,7 +195,7 @@ impl From<Gradients> for SceneGradient {
             power: gradients.power,
             positions: gradients.vertices,
             cameras: gradients.camera_positions.map(|positions| {
-                let moved = |position| CameraGradient { position, target: DVec3::ZERO };
+                let moved = |position| CameraGradient { position, ..CameraGradient::default() };
                 positions.into_iter().map(moved).collect()
             }),
             texels: None,

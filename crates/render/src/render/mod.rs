@@ -3,8 +3,9 @@
 
 mod gradient;
 
+pub use crate::image::CameraGradient;
 pub use crate::shading::ShadingError as PictureError;
-pub use gradient::{CameraGradient, Quantity, SceneGradient};
+pub use gradient::{Quantity, SceneGradient};
 
 use crate::image::{Coverage, ImageError, Picture, Rasterizer, geometry_gradient, geometry_gradient_of};
 use crate::shading::{self, Gathered, Light, Reflections, SeenFrom, Shading, TexelGradient};
@@ -195,7 +196,7 @@ impl Renderer {
         progress: &mut SolveProgress,
     ) -> Result<SceneGradient, PictureError> {
         let PullBack { request, params, paintings, .. } = wanted;
-        let (gradients, targets, texels) = match light {
+        let (gradients, by_points, texels) = match light {
             Shown::Gathered(light) => {
                 let seen: Vec<SeenFrom> = views
                     .iter()
@@ -210,13 +211,13 @@ impl Renderer {
                     cotangent.colours.push((view.camera.position, by_colours));
                 }
                 let gradients = engine.backward_with(solution, &cotangent, request, &params, progress)?;
-                (gradients, vec![DVec3::ZERO; views.len()], TexelGradient::default())
+                (gradients, Vec::new(), TexelGradient::default())
             }
         };
         let mut gradient = SceneGradient::from(gradients);
         gradient.texels = gradient.albedo.as_ref().map(|albedo| by_texels(paintings, albedo, texels));
-        for (camera, target) in gradient.cameras.iter_mut().flatten().zip(targets) {
-            camera.target = target;
+        for (camera, by_points) in gradient.cameras.iter_mut().flatten().zip(by_points) {
+            *camera += by_points;
         }
         if request.geometry() {
             self.add_silhouettes(&mut gradient, scene, light, views, wanted)?;
@@ -251,8 +252,7 @@ impl Renderer {
                 positions.iter_mut().zip(by_edges.vertices).for_each(|(to, by)| *to += by);
             }
             if let Some(cameras) = &mut gradient.cameras {
-                cameras[view].position += by_edges.position;
-                cameras[view].target += by_edges.target;
+                cameras[view] += by_edges.camera;
             }
         }
         Ok(())

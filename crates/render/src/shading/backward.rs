@@ -4,7 +4,7 @@ use super::Light;
 use super::pattern::{self, Spot};
 use super::reflections::{OfFace, Sample};
 use super::sights::{Points, Sights};
-use crate::image::{Coverage, ImageError, View, camera_gradient};
+use crate::image::{CameraGradient, Coverage, ImageError, View, camera_gradient};
 use antirad_core::direct::{Lamp, barycentric};
 use antirad_core::model::FacetGradient;
 use antirad_core::plan::GradientRequest;
@@ -103,10 +103,10 @@ struct OfPoints {
     textured: DVec3,
 }
 
-/// Derivatives of a loss of pictures made by [`Light::pixels`], as [`Engine::backward_with`] returns those of its results, and by the target
-/// of each camera, per metre, and by the texels of `paintings` that pictures show. Cameras turn towards their targets as they move. The light must be
-/// that of the solution. Where rays tell what glossy faces mirror, there are none by positions. The movement of silhouettes is not
-/// included ([`crate::image::geometry_gradient`]).
+/// Derivatives of a loss of pictures made by [`Light::pixels`]: through the radiance of faces, as [`Engine::backward_with`] returns them, for
+/// each camera those through the points that it sees, which add to them, and those by the texels of `paintings` that it shows. The light must
+/// be that of the solution. Where rays tell what glossy faces mirror, there are none by positions. The movement of silhouettes is not included
+/// ([`crate::image::geometry_gradient`]).
 ///
 /// # Errors
 /// Fails if reflections by rays have no derivatives of the requested kinds ([`ShadingError::Rays`]), if a
@@ -120,7 +120,7 @@ pub fn backward(
     paintings: &[Painting],
     params: &SolveParams,
     progress: &mut SolveProgress,
-) -> Result<(Gradients, Vec<DVec3>, TexelGradient), ShadingError> {
+) -> Result<(Gradients, Vec<CameraGradient>, TexelGradient), ShadingError> {
     if light.surroundings.as_ref().is_some_and(|rays| !rays.is_fixed() || request.geometry()) {
         return Err(ShadingError::Rays);
     }
@@ -147,8 +147,8 @@ pub fn backward(
         .specular_radiance(specular);
     let mut gradients = engine.backward_with(solution, &cotangent, request, params, progress)?;
     sums.add_to(&mut gradients, light, engine);
-    let targets = sums.add_cameras(&mut gradients, light);
-    Ok((gradients, targets, std::mem::take(&mut sums.texels)))
+    let cameras = sums.by_cameras(light);
+    Ok((gradients, cameras, std::mem::take(&mut sums.texels)))
 }
 
 /// Which derivatives are wanted.
@@ -267,18 +267,11 @@ impl Differences {
         self.facets.iter_mut().zip(by_areas).for_each(|(to, by)| to.area += by);
     }
 
-    /// Adds the derivatives by positions; returns those by targets.
-    fn add_cameras(&self, gradients: &mut Gradients, light: &Light) -> Vec<DVec3> {
-        let mut targets = Vec::new();
-        for (view, of) in self.cameras.iter().enumerate() {
-            let position = of.position * light.placement.scale;
-            let (position, target) = camera_gradient(&light.views[view].camera, position, of.axes);
-            targets.push(target);
-            if let Some(positions) = &mut gradients.camera_positions {
-                positions[view] += position;
-            }
-        }
-        targets
+    fn by_cameras(&self, light: &Light) -> Vec<CameraGradient> {
+        let of_view = |(view, of): (&super::View, &OfCamera)| {
+            camera_gradient(&view.camera, of.position * light.placement.scale, of.axes)
+        };
+        light.views.iter().zip(&self.cameras).map(of_view).collect()
     }
 }
 

@@ -15,7 +15,6 @@ use antirad::fit::{
 };
 use antirad::gpu::{DeviceOptions, staging_bytes};
 use antirad::output::{prepare_directory, remove_unfinished};
-use antirad::scene::Camera;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -136,11 +135,10 @@ impl Worker<'_> {
         let backend = kept.scope(staging_bytes());
         let asked = self.interrupt.clone();
         let watch: Watch = Arc::new(move || asked.flow());
-        let cameras: Vec<Camera> = problem.targets.iter().map(|target| target.camera.clone()).collect();
         let (planning, gradients) =
             (problem.parameters.planning_scene(), problem.parameters.gradient_request());
         let supersample = file.job.settings().supersample;
-        let mut renderer = EngineRenderer::new(&backend, planning, cameras, supersample, gradients, watch)?
+        let mut renderer = EngineRenderer::new(&backend, planning, supersample, gradients, watch)?
             .shading(file.job.settings().shading)
             .movable(problem.parameters.movable())
             .paintings(problem.parameters.paintings());

@@ -132,12 +132,10 @@ pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<
 
     let stop = interrupt.clone();
     let watch: Watch = Arc::new(move || stop.flow());
-    let cameras = problem.targets.iter().map(|target| target.camera.clone()).collect();
     let supersample = file.job.settings().supersample;
     let request = parameters.gradient_request();
     let planning = parameters.planning_scene();
-    let mut renderer =
-        EngineRenderer::new(backend(arguments)?, planning, cameras, supersample, request, watch)?;
+    let mut renderer = EngineRenderer::new(backend(arguments)?, planning, supersample, request, watch)?;
     let own_cotangent = cotangent(problem, &renderer.pictures(&start)?);
     let mut gradient = |by_pixels: &Pictures| -> Result<Vec<f64>, Box<dyn Error>> {
         let by_scene = renderer.pull_back(by_pixels, request)?;
