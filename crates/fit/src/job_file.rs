@@ -55,6 +55,7 @@ struct FitTable {
     meshes: Option<Vec<String>>,
     cameras: Option<Vec<String>>,
     per: Option<Per>,
+    resolution: Option<u32>,
     motion: Option<MotionKind>,
     together: Option<bool>,
     lower: Option<Triple>,
@@ -69,6 +70,7 @@ struct FitTable {
 struct LossTable {
     kind: Option<LossKind>,
     epsilon: Option<f64>,
+    threshold: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -244,11 +246,19 @@ impl JobFile {
             .map(|fit| fit.get_ref().fit().map_err(|message| place_of(fit.span()).error(message)))
             .collect::<Result<Vec<_>, SceneError>>()?;
         let mut settings = Settings::new(fits);
+        if table.target.iter().any(|target| target.get_ref().is_set()) {
+            settings.loss = LossKind::Huber;
+        }
         if let Some(loss) = &table.loss {
-            let LossTable { kind, epsilon } = loss.get_ref();
-            settings.loss = kind.unwrap_or_default();
+            let LossTable { kind, epsilon, threshold } = loss.get_ref();
+            settings.loss = kind.unwrap_or(settings.loss);
             settings.epsilon = *epsilon;
+            settings.threshold = *threshold;
             positive("epsilon", *epsilon, place_of(loss.span()))?;
+            positive("threshold", *threshold, place_of(loss.span()))?;
+            if threshold.is_some() && settings.loss != LossKind::Huber {
+                return Err(place_of(loss.span()).error("`threshold` is for kind = \"huber\"; remove it").into());
+            }
         }
         for term in &table.regulariser {
             let regulariser =
@@ -313,6 +323,9 @@ impl FitTable {
         if self.cameras.is_some() && !camera {
             return Err(String::from("`cameras` is for parameter = \"camera\"; remove it"));
         }
+        if self.resolution.is_some() && self.per != Some(Per::Texel) {
+            return Err(String::from("`resolution` is for per = \"texel\"; remove it"));
+        }
         if camera && self.per.is_some() {
             return Err(String::from("`per` is for materials; each camera moves by itself: remove it"));
         }
@@ -332,6 +345,7 @@ impl FitTable {
             meshes: self.meshes.clone(),
             cameras: self.cameras.clone(),
             per: self.per.unwrap_or(usual.per),
+            resolution: self.resolution,
             motion: self.motion.unwrap_or(usual.motion),
             together: self.together.unwrap_or(false),
             lower: triple(&self.lower),

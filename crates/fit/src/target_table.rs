@@ -1,5 +1,6 @@
 //! `[[target]]` of job files: a picture with its camera, or a set of photographs.
 
+use super::exposure::Exposure;
 use super::job::FitError;
 use super::job_file::positive;
 use super::photographs::Photographs;
@@ -29,15 +30,36 @@ pub(super) struct TargetTable {
     weight: Option<f64>,
     white: Option<Spanned<f64>>,
     clipped: Option<Clipped>,
+    exposure: Option<Spanned<Unknown>>,
+    white_balance: Option<Spanned<Unknown>>,
+}
+
+impl TargetTable {
+    /// Whether it is a set of photographs.
+    pub(super) fn is_set(&self) -> bool {
+        self.cameras.is_some()
+    }
 }
 
 /// How to treat clipped pixels of integer formats.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Clipped {
-    #[default]
     Ignore,
     Use,
+    Bound,
+}
+
+/// Whether a factor between radiance and the numbers of a picture is known.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+enum Unknown {
+    /// It is that of `white`.
+    Known,
+    /// Each picture has its own.
+    Fit,
+    /// All pictures of the table have the same.
+    FitShared,
 }
 
 /// What all pictures of a table have in common.
@@ -45,10 +67,16 @@ pub(super) enum Clipped {
 pub(super) struct Treatment {
     /// Radiance of white in an integer format.
     pub white: f64,
-    pub clipped: Clipped,
+    /// As stated.
+    pub clipped: Option<Clipped>,
     /// Of each view.
     pub weight: f64,
+    /// What of exposures is unknown in pictures that end at white, and in others.
+    pub exposures: [Exposure; 2],
 }
+
+/// Above this part of white, values of a channel are lower bounds: JPEG rounds.
+const CLIP: f64 = 0.99;
 
 impl Treatment {
     /// A target from a picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored.
@@ -60,7 +88,10 @@ impl Treatment {
     ) -> Result<(Target, usize), TargetError> {
         let mut mask = mask;
         let mut ignored = 0;
-        if self.clipped != Clipped::Use && photo.clipped.contains(&true) {
+        let exposure = self.exposures[usize::from(!photo.ends_at_white)];
+        let usual = if exposure.is_fitted() { Clipped::Bound } else { Clipped::Ignore };
+        let clipped = self.clipped.unwrap_or(usual);
+        if clipped == Clipped::Ignore && photo.clipped.contains(&true) {
             let mask = mask.get_or_insert_with(|| vec![1.0; photo.pixels.len()]);
             let clipped = mask.iter_mut().zip(&photo.clipped).filter(|(_, clipped)| **clipped);
             for (mask, _) in clipped.filter(|(mask, _)| **mask > 0.0) {
@@ -68,7 +99,18 @@ impl Treatment {
                 ignored += 1;
             }
         }
-        let mut target = Target::new(camera, radiance(photo, self.white), mask, self.weight)?;
+        let pixels = radiance(photo, self.white);
+        let clip = (clipped == Clipped::Bound && photo.ends_at_white).then_some(CLIP * self.white);
+        if let Some(clip) = clip {
+            // Where a pixel was averaged from clipped and other ones, its value is no bound.
+            let parts = pixels.iter().zip(&photo.clipped).map(|(p, clipped)| *clipped && p.max_element() < clip);
+            if parts.clone().any(|part| part) {
+                let mask = mask.get_or_insert_with(|| vec![1.0; pixels.len()]);
+                mask.iter_mut().zip(parts).filter(|(_, part)| *part).for_each(|(mask, _)| *mask = 0.0);
+            }
+        }
+        let mut target = Target::new(camera, pixels, mask, self.weight)?.exposed(exposure);
+        target.clip = clip;
         target.exposure_guess = photo.exposure;
         Ok((target, ignored))
     }
@@ -90,8 +132,9 @@ pub(super) fn read_targets(
         }
         None => 1.0,
     };
-    let clipped = table.clipped.unwrap_or_default();
-    let treatment = Treatment { white, clipped, weight: table.weight.unwrap_or(1.0) };
+    let exposures = exposures(file, table, place.line)?;
+    let (clipped, weight) = (table.clipped, table.weight.unwrap_or(1.0));
+    let treatment = Treatment { white, clipped, weight, exposures };
     match (&table.cameras, &table.picture) {
         (Some(cameras), None) => read_set(file, table, cameras, &treatment, warnings),
         (None, Some(picture)) => {
@@ -105,6 +148,30 @@ pub(super) fn read_targets(
             .error("which picture? Add `picture = \"FILE\"`, or `cameras = \"transforms.json\"` for a set of photographs")
             .into()),
     }
+}
+
+/// What is unknown of pictures that end at white, and of others: what is stated, and unless anything is, exposure and white balance of
+/// photographs of a set, as phones choose them for each. `line`: tells tables apart that share their factors.
+fn exposures(file: &TomlFile, table: &TargetTable, line: usize) -> Result<[Exposure; 2], SceneError> {
+    let [exposure, white_balance] = [&table.exposure, &table.white_balance].map(|of| of.as_ref());
+    if exposure.is_none() && white_balance.is_none() {
+        let are_photographs = table.is_set() && table.white.is_none();
+        let of_bytes = if are_photographs { Exposure::GAIN_AND_WHITE_BALANCE } else { Exposure::default() };
+        return Ok([of_bytes, Exposure::default()]);
+    }
+    let is = |of: Option<&Spanned<Unknown>>, what: Unknown| of.is_some_and(|of| *of.get_ref() == what);
+    let fitted = |of| is(of, Unknown::Fit) || is(of, Unknown::FitShared);
+    let shares = |of| is(of, Unknown::FitShared);
+    if fitted(exposure)
+        && fitted(white_balance)
+        && shares(exposure) != shares(white_balance)
+        && let Some(span) = white_balance.map(Spanned::span)
+    {
+        return Err(file.place(span).error("`exposure` and `white_balance` are both \"fit\" or both \"fit-shared\""));
+    }
+    let shared = (shares(exposure) || shares(white_balance)).then_some(line as u32);
+    let found = Exposure { gain: fitted(exposure), white_balance: fitted(white_balance), shared };
+    Ok([found; 2])
 }
 
 fn read_picture(
