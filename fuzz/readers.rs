@@ -1,7 +1,7 @@
 //! The readers of files, fed with bytes: by cargo-fuzz, and by a test on stable Rust.
 
 use antirad::fit::JobFile;
-use antirad::scene::{LoadOptions, Scene};
+use antirad::scene::{CameraSet, LoadOptions, Scene};
 use tempfile::TempDir;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +14,7 @@ pub enum Reader {
     Gltf,
     Ply,
     Mitsuba,
+    Cameras,
 }
 
 const OBJ: &str =
@@ -21,6 +22,11 @@ const OBJ: &str =
 const MTL: &str = "newmtl white\nKd .5 .5 .5\nnewmtl lamp\nKd .5 .5 .5\nKe 1 1 1\n";
 const SCENE: &str = "[[mesh]]\npath = \"m.obj\"\n[camera.main]\nposition = [0, 0, 5]\ntarget = [0, 0, 0]\n\
                      fov_x_degrees = 40\nwidth = 4\nheight = 4\n";
+/// A set of cameras with one frame, whose picture is `p.png`.
+const TRANSFORMS: &[u8] = b"{\"fl_x\": 4, \"frames\": [{\"file_path\": \"p\", \"transform_matrix\": \
+                            [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]]}]}";
+/// Between the two files of COLMAP in one input.
+const NEXT_FILE: &[u8] = b"\n====\n";
 /// A black PNG of 4 x 4 pixels, the picture that jobs fit to.
 const PNG: &[u8] = include_bytes!("black.png");
 
@@ -39,6 +45,7 @@ impl Folder {
         folder.put("p.png", PNG);
         folder.put("m.spd", b"400 0.1\n700 0.9\n");
         folder.put("b.bin", &[0, 0, 128, 63].repeat(64));
+        folder.put("t.json", TRANSFORMS);
         folder
     }
 
@@ -83,11 +90,51 @@ impl Folder {
                 self.put("input.xml", data);
                 scene("input.xml");
             }
+            Reader::Cameras => self.read_cameras(data),
             Reader::Job => {
                 self.put("job.toml", data);
                 if let Err(error) = JobFile::load(&self.0.path().join("job.toml")) {
                     assert!(!error.to_string().is_empty());
                 }
+            }
+        }
+    }
+}
+
+impl Folder {
+    /// A `transforms.json`, or `cameras` and `images` of COLMAP: as text after a `T`, else binary.
+    fn read_cameras(&self, data: &[u8]) {
+        let suffix = if data.starts_with(b"T") { "txt" } else { "bin" };
+        let folder = self.0.path().join("colmap");
+        let set = if data.starts_with(b"{") {
+            self.put("input.json", data);
+            CameraSet::read(&self.0.path().join("input.json"))
+        } else {
+            let rest = data.get(1..).unwrap_or_default();
+            let at = rest.windows(NEXT_FILE.len()).position(|part| part == NEXT_FILE);
+            let (first, second) = match at {
+                Some(at) => (&rest[..at], &rest[at + NEXT_FILE.len()..]),
+                None => (rest, &[][..]),
+            };
+            let _ = std::fs::remove_dir_all(&folder);
+            std::fs::create_dir(&folder).expect("a folder");
+            self.put(&format!("colmap/cameras.{suffix}"), first);
+            self.put(&format!("colmap/images.{suffix}"), second);
+            CameraSet::read(&folder)
+        };
+        let set = match set {
+            Ok(set) => set,
+            Err(error) => return assert!(!error.to_string().is_empty()),
+        };
+        assert!(!set.frames.is_empty());
+        for frame in &set.frames {
+            assert!(set.frame(&frame.name) == Some(frame) && !frame.name.is_empty());
+            if let Ok(lens) = frame.intrinsics.lens([4, 4]) {
+                let camera = frame.camera(&lens, 4, 4);
+                assert!(camera.fov_x_degrees > 0.0 && camera.fov_x_degrees < 180.0);
+            }
+            if let Err(error) = set.picture(frame, None, None) {
+                assert!(!error.to_string().is_empty());
             }
         }
     }

@@ -124,6 +124,11 @@ fn meshes() {
 }
 
 #[test]
+fn cameras() {
+    read_all(Reader::Cameras, "cameras");
+}
+
+#[test]
 fn materials() {
     read_all(Reader::Mtl, "mtl");
 }

@@ -399,11 +399,11 @@ fn run(
     Ok(FitResult { inner, widths, warnings })
 }
 
-/// Reads a picture, EXR or PNG, as float64 (height, width, 3): linear RGB, rows from the top.
+/// Reads a picture, EXR, PNG, JPEG, TIFF or Radiance HDR, as float64 (height, width, 3): linear RGB, rows from the top.
 ///
 /// Args:
-///     path: The file. PNGs are decoded from sRGB.
-///     white: Radiance of white in a PNG, W/(m² sr).
+///     path: The file. Integer formats are decoded from sRGB.
+///     white: Radiance of white in an integer format, W/(m² sr).
 ///
 /// Raises:
 ///     PictureError: The file is no such picture.

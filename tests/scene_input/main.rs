@@ -2,6 +2,7 @@
 
 mod against_tobj;
 mod as_they_come;
+mod cameras;
 mod checks;
 mod export;
 mod gltf;

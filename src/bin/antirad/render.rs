@@ -31,16 +31,22 @@ use std::time::Instant;
 #[command(after_help = "Examples:
   antirad render scenes/cornell_boxes.toml --output out/cornell
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
-  antirad render scenes/two_rooms.toml --camera main --target-error 0.05")]
+  antirad render scenes/two_rooms.toml --camera main --target-error 0.05
+  antirad render room.toml --cameras photos/transforms.json --camera r_0 --camera r_7
+  antirad render room.toml --cameras photos/colmap")]
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
     /// Choose bins, near field, mesh and tolerance for this relative error of irradiance and pictures, e.g. 0.02
     #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
     target_error: Option<f64>,
-    /// Render this camera only; may be given several times [default: all cameras of the scene]
+    /// Render this camera only; may be given several times [default: all cameras of the scene, or of --cameras]
     #[arg(long, value_name = "NAME")]
     camera: Vec<String>,
+    /// Render the views of a set of photographs instead: a transforms.json (NeRF, Blender, instant-ngp, nerfstudio), or the folder of
+    /// a COLMAP model. Each is a centred pinhole with the size and the horizontal field of view of its photograph
+    #[arg(long, value_name = "PATH")]
+    cameras: Option<PathBuf>,
     /// Cut triangles first where others stand on them or pass through them, and where the mesh is too coarse for shadows, as `antirad
     /// refine` does: always, never, or the latter into at most 4000 more where a triangle receives 12 % of the light of lamps, or what
     /// surfaces reflect of it is off by 10 % (auto). Files per triangle have means over those given
@@ -124,7 +130,10 @@ pub fn run(
     let mut stages = Stages::new();
     let mut scene = arguments.settings.load()?;
     scene.choice = arguments.target_error.map_or(scene.choice, Choice::Within);
-    let cameras: Vec<Camera> = cameras::choose(&scene, &arguments.camera)?.into_iter().cloned().collect();
+    let cameras: Vec<Camera> = match &arguments.cameras {
+        Some(set) => cameras::of_set(set, &arguments.camera)?,
+        None => cameras::choose(&scene, &arguments.camera)?.into_iter().cloned().collect(),
+    };
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
     prepare_directory(&directory)?;
     stages.end("load");

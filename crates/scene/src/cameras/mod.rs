@@ -92,6 +92,9 @@ impl CameraSet {
                 Some(1) => stem.clone(),
                 _ => pictures::path_as_name(&frame.picture),
             };
+            // Names become those of files.
+            let name: String =
+                name.chars().map(|c| if "/\\:".contains(c) || c.is_control() { '_' } else { c }).collect();
             frame.name = free_name(&name, |name| !taken.contains(name));
             taken.insert(frame.name.clone());
         }

@@ -42,7 +42,7 @@ struct LensTable {
 
 #[derive(Deserialize)]
 struct FrameTable {
-    file_path: PathBuf,
+    file_path: String,
     transform_matrix: Vec<Vec<f64>>,
 }
 
@@ -95,6 +95,8 @@ fn frame(value: &Value, shared: &LensTable) -> Result<Frame, String> {
     let own = LensTable::deserialize(value).map_err(|error| error.to_string())?;
     let FrameTable { file_path, transform_matrix } =
         FrameTable::deserialize(value).map_err(|error| error.to_string())?;
+    // Programs on Windows write their own separators.
+    let file_path = PathBuf::from(file_path.replace('\\', "/"));
     if file_path.file_name().is_none() {
         return Err("its file_path names no file; give that of its picture".to_owned());
     }

@@ -231,3 +231,158 @@ impl ChannelsReader for Rows {
         self
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer as ExrLayer};
+    use exr::math::Vec2;
+    use exr::meta::attribute::IntegerBounds;
+    use exr::meta::header::{ImageAttributes, LayerAttributes};
+    use exr::prelude::{Compression, WritableImage};
+    use std::path::PathBuf;
+
+    const SIZE: Vec2<usize> = Vec2(5, 3);
+
+    /// A channel whose pixels count from a number, in half or float.
+    fn channel(name: &str, from: f32, half: bool) -> AnyChannel<FlatSamples> {
+        let values = (0..SIZE.area()).map(|k| from + k as f32);
+        let samples = match half {
+            true => FlatSamples::F16(values.map(f16::from_f32).collect()),
+            false => FlatSamples::F32(values.collect()),
+        };
+        AnyChannel::new(name, samples)
+    }
+
+    fn part(name: Option<&str>, channels: &[(&str, f32)]) -> ExrLayer<AnyChannels<FlatSamples>> {
+        let channels = channels.iter().map(|&(name, from)| channel(name, from, from > 100.0));
+        let attributes = LayerAttributes { layer_name: name.map(Text::from), ..LayerAttributes::default() };
+        ExrLayer::new(SIZE, attributes, Encoding::SMALL_LOSSLESS, AnyChannels::sort(channels.collect()))
+    }
+
+    struct Written(PathBuf);
+
+    impl Written {
+        fn new(name: &str, image: &Image<exr::image::Layers<AnyChannels<FlatSamples>>>) -> Self {
+            let path = std::env::temp_dir().join(format!("antirad_{}_{name}.exr", std::process::id()));
+            image.write().to_file(&path).expect("written");
+            Self(path)
+        }
+
+        fn read(&self, layer: Option<&str>) -> Result<Photo, String> {
+            Photo::read(&self.0, layer).map_err(|error| error.to_string())
+        }
+    }
+
+    impl Drop for Written {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_file(&self.0);
+        }
+    }
+
+    fn image(
+        parts: &[ExrLayer<AnyChannels<FlatSamples>>],
+    ) -> Image<exr::image::Layers<AnyChannels<FlatSamples>>> {
+        let attributes = ImageAttributes::new(IntegerBounds::from_dimensions(SIZE));
+        Image::from_layers(attributes, parts.iter().cloned().collect::<exr::image::Layers<_>>())
+    }
+
+    #[test]
+    fn layers_are_found_by_their_channels() {
+        let blender = part(
+            None,
+            &[
+                ("ViewLayer.Combined.R", 0.0),
+                ("ViewLayer.Combined.G", 20.0),
+                ("ViewLayer.Combined.B", 200.0),
+                ("ViewLayer.Combined.A", 1.0),
+                ("ViewLayer.Depth.Z", 7.0),
+                ("ViewLayer.Normal.X", 7.0),
+            ],
+        );
+        let file = Written::new("one", &image(&[blender.clone()]));
+        let photo = file.read(None).expect("its only colour");
+        assert_eq!((photo.width, photo.height, photo.ends_at_white), (5, 3, false));
+        assert_eq!(photo.pixels[7], [7.0, 27.0, 207.0]);
+        assert_eq!(file.read(Some("ViewLayer.Combined")).expect("by name"), photo);
+        assert_eq!(Photo::size(&file.0).expect("a size"), [5, 3]);
+        let error = file.read(Some("ViewLayer.Depth")).expect_err("no colour");
+        assert!(error.contains("\"ViewLayer.Combined\"") && error.contains("no layer"), "{error}");
+
+        let grey = Written::new("grey", &image(&[part(None, &[("Y", 3.0)])]));
+        assert_eq!(grey.read(None).expect("grey").pixels[1], [4.0; 3]);
+        let depth = Written::new("depth", &image(&[part(None, &[("Z", 3.0), ("RY", 3.0)])]));
+        assert!(depth.read(None).expect_err("no colour").contains("channels are RY, Z"));
+    }
+
+    #[test]
+    fn several_layers_need_a_name() {
+        let rgb = |prefix: &str, from: f32| {
+            ["R", "G", "B"].map(|last| {
+                (if prefix.is_empty() { last.to_owned() } else { format!("{prefix}.{last}") }, from)
+            })
+        };
+        let channels: Vec<(String, f32)> = [rgb("direct", 1.0), rgb("bounced", 2.0)].concat();
+        let named: Vec<(&str, f32)> = channels.iter().map(|(name, from)| (name.as_str(), *from)).collect();
+        let file = Written::new("two", &image(&[part(None, &named)]));
+        let error = file.read(None).expect_err("two");
+        assert!(error.contains("several layers") && error.contains("\"bounced\", \"direct\""), "{error}");
+        assert_eq!(file.read(Some("direct")).expect("one").pixels[0], [1.0; 3]);
+        // The layer without a name is that of the picture.
+        let mut with_plain = named.clone();
+        with_plain.extend([("R", 5.0), ("G", 5.0), ("B", 5.0)]);
+        let file = Written::new("plain", &image(&[part(None, &with_plain)]));
+        assert_eq!(file.read(None).expect("the unnamed").pixels[0], [5.0; 3]);
+        assert_eq!(file.read(Some("bounced")).expect("one").pixels[0], [2.0; 3]);
+
+        let plain = [("R", 1.0), ("G", 1.0), ("B", 1.0)];
+        let other = [("R", 300.0), ("G", 300.0), ("B", 300.0)];
+        let parts = Written::new("parts", &image(&[part(Some("left"), &plain), part(Some("right"), &other)]));
+        assert_eq!(parts.read(Some("right")).expect("one").pixels[2], [302.0; 3]);
+        assert_eq!(parts.read(Some("left")).expect("one").pixels[2], [3.0; 3]);
+        assert!(parts.read(None).expect_err("two").contains("\"left\", \"right\""));
+    }
+
+    /// What lies around the display window is left out; data that do not fill it are refused.
+    #[test]
+    fn windows_differ() {
+        let mut data = part(None, &[("R", 0.0), ("G", 0.0), ("B", 0.0)]);
+        data.attributes.layer_position = Vec2(-1, -1);
+        let mut large = image(&[data.clone()]);
+        large.attributes.display_window = IntegerBounds::new((0, 0), (3, 2));
+        let photo = Written::new("large", &large).read(None).expect("a part of the data");
+        assert_eq!((photo.width, photo.height), (3, 2));
+        assert_eq!((photo.pixels[0][0], photo.pixels[5][0]), (6.0, 13.0));
+        large.attributes.display_window = IntegerBounds::new((0, 0), (5, 3));
+        let error = Written::new("small", &large).read(None).expect_err("too small");
+        assert!(error.contains("does not cover its display window of 5 x 3"), "{error}");
+    }
+
+    #[test]
+    fn every_compression_is_read() {
+        for (index, compression) in [
+            Compression::Uncompressed,
+            Compression::RLE,
+            Compression::ZIP1,
+            Compression::ZIP16,
+            Compression::PIZ,
+            Compression::PXR24,
+            Compression::B44,
+            Compression::DWAA(None),
+            Compression::DWAB(None),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let mut layer = part(None, &[("R", 300.0), ("G", 320.0), ("B", 340.0)]);
+            layer.encoding.compression = compression;
+            let photo = Written::new(&format!("c{index}"), &image(&[layer])).read(None);
+            let photo = photo.unwrap_or_else(|error| panic!("{compression:?}: {error}"));
+            for (k, pixel) in photo.pixels.iter().enumerate() {
+                for (value, from) in pixel.iter().zip([300.0, 320.0, 340.0]) {
+                    assert!((value - from - k as f32).abs() < 6.0, "{compression:?}: {pixel:?} at {k}");
+                }
+            }
+        }
+    }
+}

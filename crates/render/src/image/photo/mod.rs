@@ -165,3 +165,147 @@ fn check_size(width: usize, height: usize) -> Result<[u32; 2], String> {
 fn linear(srgb: f64) -> f64 {
     if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::image::codecs::jpeg::JpegEncoder;
+    use ::image::{DynamicImage, ImageEncoder, Luma, Rgb};
+    use std::path::PathBuf;
+
+    struct Written(PathBuf);
+
+    impl Written {
+        fn new(name: &str) -> Self {
+            Self(std::env::temp_dir().join(format!("antirad_{}_{name}", std::process::id())))
+        }
+
+        fn save(name: &str, picture: &DynamicImage, format: ImageFormat) -> Self {
+            let file = Self::new(name);
+            picture.save_with_format(&file.0, format).expect("written");
+            file
+        }
+
+        fn read(&self) -> Photo {
+            Photo::read(&self.0, None).unwrap_or_else(|error| panic!("{error}"))
+        }
+    }
+
+    impl Drop for Written {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_file(&self.0);
+        }
+    }
+
+    /// EXIF data, little-endian: an orientation, and 1/50 s at f/4 and ISO 800.
+    fn exif_data(orientation: u16) -> Vec<u8> {
+        let entry = |tag: u16, kind: u16, value: u32| {
+            [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &1u32.to_le_bytes(), &value.to_le_bytes()].concat()
+        };
+        let (short, long, rational) = (3, 4, 5);
+        let mut data = b"II\x2a\0\x08\0\0\0".to_vec();
+        data.extend([2, 0]);
+        data.extend(entry(0x0112, short, orientation.into()));
+        data.extend(entry(0x8769, long, 38));
+        data.extend([0; 4]);
+        assert_eq!(data.len(), 38);
+        data.extend([3, 0]);
+        data.extend(entry(0x829a, rational, 80));
+        data.extend(entry(0x829d, rational, 88));
+        data.extend(entry(0x8827, short, 800));
+        data.extend([0; 4]);
+        assert_eq!(data.len(), 80);
+        data.extend([1u32, 50, 4, 1].iter().flat_map(|number| number.to_le_bytes()));
+        data
+    }
+
+    /// A picture of 16 x 8 pixels, white at the left of the first row of blocks.
+    fn jpeg(orientation: u16) -> Written {
+        let picture =
+            ::image::RgbImage::from_fn(32, 16, |x, y| Rgb([if x < 8 && y < 8 { 255 } else { 0 }; 3]));
+        let mut bytes = Vec::new();
+        let mut encoder = JpegEncoder::new_with_quality(&mut bytes, 100);
+        encoder.set_exif_metadata(exif_data(orientation)).expect("EXIF data");
+        encoder.write_image(&picture, 32, 16, ::image::ExtendedColorType::Rgb8).expect("encoded");
+        let file = Written::new(&format!("turned{orientation}.jpg"));
+        std::fs::write(&file.0, bytes).expect("written");
+        file
+    }
+
+    #[test]
+    fn jpeg_is_turned_upright_and_has_an_exposure() {
+        // Where the corner of the file is in the picture, by the orientation of EXIF.
+        for (orientation, size, corner) in [
+            (1, [32, 16], [0, 0]),
+            (2, [32, 16], [31, 0]),
+            (3, [32, 16], [31, 15]),
+            (4, [32, 16], [0, 15]),
+            (5, [16, 32], [0, 0]),
+            (6, [16, 32], [15, 0]),
+            (7, [16, 32], [15, 31]),
+            (8, [16, 32], [0, 31]),
+        ] {
+            let file = jpeg(orientation);
+            let photo = file.read();
+            assert_eq!([photo.width, photo.height], size, "{orientation}");
+            assert_eq!(Photo::size(&file.0).expect("a size"), size);
+            let at = |[x, y]: [u32; 2]| (y * size[0] + x) as usize;
+            assert!(photo.pixels[at(corner)][0] > 0.9 && photo.clipped[at(corner)], "{orientation}");
+            assert!(photo.pixels[at([size[0] - 1 - corner[0], size[1] - 1 - corner[1]])][0] < 0.1);
+            // The same as `image` has it.
+            let mut theirs = ::image::open(&file.0).expect("opened");
+            theirs.apply_orientation(Orientation::from_exif(orientation as u8).expect("a number"));
+            for (pixel, their) in photo.pixels.iter().zip(theirs.to_rgb8().pixels()) {
+                assert!((f64::from(pixel[0]) - linear(f64::from(their.0[0]) / 255.0)).abs() < 1e-6);
+            }
+            let exposure = photo.exposure.expect("an exposure");
+            assert!((exposure - 800.0 / 50.0 / 16.0).abs() < 1e-12, "{exposure}");
+        }
+        // As it is stored, where only that has the size.
+        let of_size = |wanted: [u32; 2]| {
+            let photo = Photo::read_of_size(&jpeg(6).0, None, |size| size == wanted).expect("read");
+            [photo.width, photo.height]
+        };
+        assert_eq!((of_size([32, 16]), of_size([16, 32]), of_size([1, 1])), ([32, 16], [16, 32], [16, 32]));
+    }
+
+    #[test]
+    fn formats_are_told_by_their_content() {
+        let bytes = DynamicImage::from(::image::RgbImage::from_fn(4, 2, |x, _| Rgb([255, 128, x as u8])));
+        let words = DynamicImage::from(::image::ImageBuffer::<Rgb<u16>, _>::from_fn(4, 2, |x, _| {
+            Rgb([if x == 1 { 65535 } else { 65534 }, 32896, x as u16])
+        }));
+        let floats =
+            DynamicImage::from(::image::Rgb32FImage::from_fn(4, 2, |x, _| Rgb([x as f32, 0.5, 300.0])));
+        let grey = DynamicImage::from(::image::ImageBuffer::<Luma<u8>, _>::from_pixel(4, 2, Luma([128u8])));
+        let middle = linear(128.0 / 255.0) as f32;
+        for format in [ImageFormat::Png, ImageFormat::Tiff] {
+            let name = |what: &str| format!("{what}_{format:?}.png");
+            let photo = Written::save(&name("bytes"), &bytes, format).read();
+            assert_eq!(photo.pixels[0][..2], [1.0, middle]);
+            assert!(photo.ends_at_white && photo.clipped == [true; 8] && photo.exposure.is_none());
+            let photo = Written::save(&name("words"), &words, format).read();
+            assert!((photo.pixels[0][1] - middle).abs() < 1e-6);
+            assert_eq!(photo.clipped, [false, true, false, false, false, true, false, false]);
+            let photo = Written::save(&name("grey"), &grey, format).read();
+            assert!((photo.pixels[5][2] - middle).abs() < 1e-6 && !photo.clipped[0]);
+        }
+        for format in [ImageFormat::Tiff, ImageFormat::Hdr] {
+            let photo = Written::save(&format!("floats_{format:?}"), &floats, format).read();
+            assert!((photo.pixels[2][0] - 2.0).abs() < 0.01 && (photo.pixels[2][2] - 300.0).abs() < 2.0);
+            assert!(!photo.ends_at_white && photo.clipped == [false; 8]);
+        }
+        let file = Written::new("no_picture.jpg");
+        std::fs::write(&file.0, "text").expect("written");
+        let error = Photo::read(&file.0, None).expect_err("text").to_string();
+        assert!(error.contains("no_picture.jpg") && error.contains("none of EXR, PNG, JPEG"), "{error}");
+        std::fs::write(&file.0, b"\xff\xd8\xff\xe0 cut off here").expect("written");
+        let error = Photo::read(&file.0, None).expect_err("cut off").to_string();
+        assert!(error.contains("cannot be read as a picture"), "{error}");
+        let error = Photo::read(Path::new("/nowhere/a.png"), None).expect_err("none").to_string();
+        assert!(error.contains("/nowhere/a.png"), "{error}");
+        let mask = Written::save("mask", &grey, ImageFormat::Png);
+        let mask = PhotoMask::read(&mask.0).expect("a mask");
+        assert!((mask.values[0] - 128.0 / 255.0).abs() < 1e-6 && mask.values.len() == 8);
+    }
+}

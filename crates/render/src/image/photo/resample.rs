@@ -107,19 +107,18 @@ mod tests {
                 let (x, y) = ((index % 200) as f64 + 0.5, (index / 200) as f64 + 0.5);
                 let seen = lens.project(DVec3::new((x - 100.0) / focal, (y - 75.0) / focal, 1.0));
                 let inside = seen.filter(|p| p.cmpge(DVec2::ZERO).all() && p.x <= 200.0 && p.y <= 150.0);
-                assert_eq!(*weight > 0.0, inside.is_some(), "{x} {y}");
-                let Some(seen) = inside else { continue };
+                let Some(seen) = inside.filter(|_| *weight > 0.0) else {
+                    // Only pixels at the very edge have their middle in the photo, and a corner outside.
+                    let reach = DVec2::new(99.0, 74.0);
+                    assert!(inside.is_none_or(|p| (p - DVec2::new(100.0, 75.0)).abs().cmpgt(reach).any()));
+                    continue;
+                };
                 covered += 1;
                 let value = DVec2::new(pixel[0].into(), pixel[1].into());
-                // At the edges the outer half pixel is that of the last centre.
-                assert!(
-                    (value - seen).length()
-                        < if (seen - DVec2::new(100.0, 75.0)).abs().cmplt(DVec2::new(99.5, 74.5)).all() {
-                            1e-4
-                        } else {
-                            0.75
-                        }
-                );
+                // At the edges the outer half pixel is that of the last centre. A mean over four samples is not quite that in the middle.
+                let from_middle = (seen - DVec2::new(100.0, 75.0)).abs();
+                let bound = if from_middle.cmplt(DVec2::new(99.0, 74.0)).all() { 5e-3 } else { 0.75 };
+                assert!((value - seen).length() < bound, "{value} {seen}");
             }
             assert!(covered > 20_000, "{covered}");
         }

@@ -13,7 +13,7 @@ use super::{CameraSet, Frame, Intrinsics, refuse};
 use crate::SceneError;
 
 /// Folders in which the files are looked for, within the one given.
-const FOLDERS: [&str; 3] = ["", "sparse/0", "sparse"];
+const FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "0"];
 
 /// The files of one model.
 pub(super) struct Files {
