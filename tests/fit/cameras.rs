@@ -3,7 +3,9 @@
 use crate::scenes::{coarse, of, watch};
 use crate::support::{backend, finish};
 use antirad::backend::Backend;
-use antirad::fit::{EngineRenderer, Fit, Job, Renderer, RunOptions, Settings, StopRule, Target};
+use antirad::fit::{
+    EngineRenderer, Fit, Job, OnCheckpoint, Renderer, RunOptions, Settings, StopRule, Target,
+};
 use antirad::plan::GradientRequest;
 use antirad::render::Quantity;
 use antirad::scene::{Camera, Scene};
@@ -58,11 +60,12 @@ fn renderer(backend: &Backend, job: &Job) -> EngineRenderer {
 const WAY: DVec3 = DVec3::new(0.006, -0.005, 0.006);
 const TURN: DVec3 = DVec3::new(0.25, -0.35, 0.25);
 
-/// A job with two cameras to be found, with the albedo of the box, and a third one that stays.
-fn job(backend: &Backend, scene: &Scene, supersample: u32) -> Job {
+/// A job with two cameras to be found that are a number of times 1 cm and half a degree off, with the albedo of the box, and a third one
+/// that stays.
+fn job(backend: &Backend, scene: &Scene, supersample: u32, times: f64) -> Job {
     let given = [
-        disturbed(&scene.cameras[0], WAY, TURN),
-        disturbed(&scene.cameras[1], -WAY, TURN),
+        disturbed(&scene.cameras[0], times * WAY, times * TURN),
+        disturbed(&scene.cameras[1], times * -WAY, times * TURN),
         scene.cameras[2].clone(),
     ];
     let poses = Fit::new(Quantity::Camera).cameras(Some(vec!["one".to_owned(), "other".to_owned()]));
@@ -73,7 +76,7 @@ fn job(backend: &Backend, scene: &Scene, supersample: u32) -> Job {
 #[test]
 fn cameras_are_found_beside_materials() {
     let (backend, scene) = (backend(), scene());
-    let mut job = job(&backend, &scene, 16);
+    let mut job = job(&backend, &scene, 16, 1.0);
     let mut renderer = renderer(&backend, &job);
     let options = RunOptions::default().stop(StopRule::default().iterations(30));
     let outcome = job.run(&mut renderer, &options, &mut |record, _| {
@@ -92,5 +95,130 @@ fn cameras_are_found_beside_materials() {
     assert_eq!(found("shadow"), &scene.cameras[2]);
     crate::scenes::near(&outcome, "albedo", "box", &[0.6, 0.3, 0.2], 1e-2);
     drop(renderer);
+    finish(&backend);
+}
+
+/// The mean derivative of the loss along a path of two cameras is its difference. They are rolled, so that edges cross rows of samples one by
+/// one, and some pixels off.
+#[test]
+fn the_gradient_by_poses_is_that_of_differences() {
+    let (backend, mut scene) = (backend(), scene());
+    scene.cameras.iter_mut().for_each(|camera| camera.up = DVec3::new(0.3, 1.0, 0.1));
+    let job = job(&backend, &scene, 16, 4.0);
+    let (problem, mut renderer) = (job.problem(), renderer(&backend, &job));
+    let start = problem.parameters.start();
+    let poses = problem.parameters.unknowns_of(Quantity::Camera);
+    for phase in [0.3, 1.1] {
+        let mut way = vec![0.0; start.len()];
+        poses.iter().for_each(|&unknown| way[unknown] = (phase * (unknown as f64 + 1.0)).sin());
+        let at = |time: f64| -> Vec<f64> { start.iter().zip(&way).map(|(x, way)| x + time * way).collect() };
+        let [before, after] =
+            [0.0, 1.0].map(|time| problem.judge(&at(time), &mut renderer).expect("a value").value);
+        const POINTS: u32 = 8;
+        let slopes = (0..POINTS).map(|k| {
+            let time = (f64::from(k) + 0.5) / f64::from(POINTS);
+            let gradient = problem.evaluate(&at(time), &mut renderer).expect("a value").gradient;
+            gradient.iter().zip(&way).map(|(by, way)| by * way).sum::<f64>()
+        });
+        let found = slopes.sum::<f64>() / f64::from(POINTS);
+        let error = (found / (after - before) - 1.0).abs();
+        println!("{found:e} and {:e}: {error:.4}", after - before);
+        assert!(error <= 5e-3, "{found}, but the difference is {}", after - before);
+    }
+    drop(renderer);
+    finish(&backend);
+}
+
+/// Six pictures per view give the columns of all poses, and no pose is seen in the picture of another camera.
+#[test]
+fn one_set_of_pictures_shows_all_poses() {
+    let (backend, scene) = (backend(), scene());
+    let job = job(&backend, &scene, 4, 1.0);
+    let (problem, mut renderer) = (job.problem(), renderer(&backend, &job));
+    assert_eq!((problem.parameters.len(), problem.gauss_newton_pictures()), (3 + 2 * 6, 1 + 6));
+    let x = problem.parameters.start();
+    let hessian = problem.gauss_newton(x, &mut renderer).expect("pictures").expect("a Hessian");
+    let n = x.len();
+    for (i, j) in (3..9).flat_map(|i| (9..15).map(move |j| (i, j))) {
+        assert_eq!((hessian[i * n + j], hessian[j * n + i]), (0.0, 0.0));
+    }
+    assert!((0..n).all(|i| hessian[i * n + i] > 0.0), "{hessian:?}");
+    let diagonal = problem.own_curvature(x, &mut renderer).expect("pictures").expect("a diagonal");
+    for i in 3..n {
+        let whole = hessian[i * n + i];
+        assert!((diagonal[i] / whole - 1.0).abs() < 1e-6, "unknown {i}: {}, not {whole}", diagonal[i]);
+    }
+    drop(renderer);
+    finish(&backend);
+}
+
+/// Where cameras alone have changed there is no solve, pictures are those of a renderer that knows nothing else, and what is nearby leaves the
+/// latest pictures as they are.
+#[test]
+fn other_cameras_take_no_other_light() {
+    let (backend, scene) = (backend(), scene());
+    let request = GradientRequest::NOTHING.albedo(true).camera(true);
+    let renderer = || EngineRenderer::new(&backend, scene.clone(), 4, request, watch()).expect("a renderer");
+    let mut moved = scene.clone();
+    moved.cameras[1] = disturbed(&scene.cameras[1], WAY, TURN);
+    let by_pixels: Vec<Vec<DVec3>> = scene.cameras.iter().map(|_| vec![DVec3::ONE; 96 * 72]).collect();
+    let pull_back = |renderer: &mut EngineRenderer| {
+        renderer.pull_back(&by_pixels, request).expect("derivatives").expect("pictures before")
+    };
+    let mut fresh = renderer();
+    let expected = fresh.pictures(&moved).expect("pictures");
+    let gradient_of_moved = pull_back(&mut fresh);
+    drop(fresh);
+
+    let mut renderer = renderer();
+    let pictures = renderer.pictures(&scene).expect("pictures");
+    let passes = renderer.passes();
+    let near = renderer.pictures_near(&moved).expect("pictures");
+    assert_eq!(near, expected);
+    assert_eq!((&near[0], &near[2]), (&pictures[0], &pictures[2]));
+    assert_ne!(near[1], pictures[1]);
+    assert_eq!(renderer.pictures(&scene).expect("pictures"), pictures);
+    assert_eq!(renderer.passes(), passes);
+    let gradient = pull_back(&mut renderer);
+    assert_ne!(gradient, gradient_of_moved);
+    let passes = renderer.passes();
+    assert_eq!(renderer.pictures(&moved).expect("pictures"), expected);
+    assert_eq!(renderer.passes(), passes);
+    assert_eq!(pull_back(&mut renderer), gradient_of_moved);
+    // Other light, and back to where the engine has that of others.
+    let mut darker = moved.clone();
+    darker.materials.iter_mut().for_each(|material| material.albedo[0] *= 0.9);
+    renderer.pictures_near(&darker).expect("pictures");
+    let again = renderer.pictures(&scene).expect("pictures");
+    let off = |(a, b): (&DVec3, &DVec3)| (*a - *b).length() / (1e-3 + b.length());
+    let worst = again.iter().flatten().zip(pictures.iter().flatten()).map(off).fold(0.0, f64::max);
+    assert!(worst <= 1e-4, "{worst}");
+    drop(renderer);
+    finish(&backend);
+}
+
+/// A fit of poses that was interrupted ends where one ends that was not.
+#[test]
+fn a_fit_of_poses_goes_on() {
+    let (backend, scene) = (backend(), scene());
+    let stop = StopRule::default().iterations(6).relative_decrease(0.0).gradient(0.0);
+    let fit = |last: u32, options: RunOptions| {
+        let mut job = job(&backend, &scene, 4, 1.0);
+        let mut renderer = renderer(&backend, &job);
+        job.run(&mut renderer, &options.stop(stop).checkpoint_every(1), &mut |record, _| match record
+            .iteration
+            < last
+        {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        })
+    };
+    let whole = fit(u32::MAX, RunOptions::default()).expect("an outcome");
+    let folder = tempfile::tempdir().expect("a folder");
+    let stored = || RunOptions::default().checkpoints(Some(folder.path().to_owned()));
+    fit(3, stored()).expect_err("an interruption");
+    let resumed = fit(u32::MAX, stored().on_checkpoint(OnCheckpoint::Resume)).expect("an outcome");
+    assert_eq!(resumed.history, whole.history);
+    assert_eq!((resumed.scene.cameras, resumed.pictures), (whole.scene.cameras, whole.pictures));
     finish(&backend);
 }
