@@ -16,8 +16,11 @@ use super::material::numbered;
 use super::orient::orient;
 use super::outlook::{self, Outlook};
 use super::pattern::Pattern;
+use super::snap::{Snapped, snap};
 use super::tables::MaterialTable;
-use super::{Camera, Choice, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle};
+use super::{
+    Camera, Choice, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle, bounds,
+};
 
 /// A scene under construction.
 pub(super) struct Assembly {
@@ -37,17 +40,52 @@ pub(super) struct Assembly {
     /// Whether materials have a second side, where something says so.
     two_sided: HashMap<u32, bool>,
     /// Per mesh.
-    sides: Vec<Sides>,
+    mending: Vec<Mending>,
     camera_lines: HashMap<String, usize>,
     settings_line: Option<usize>,
     sky: Option<Sky>,
 }
 
-/// What a scene file says about the sides of a mesh.
+/// What is done to a mesh once all are read.
 #[derive(Clone, Copy)]
-pub(super) struct Sides {
+pub(super) struct Mending {
     pub orient: Orient,
     pub two_sided: Option<bool>,
+    pub snap: Option<Snap>,
+}
+
+/// The distance, m, within which a mesh is snapped.
+#[derive(Clone, Copy)]
+pub(super) struct Snap {
+    distance: f64,
+    /// Of the scene file, where it states the distance.
+    line: Option<usize>,
+}
+
+impl Snap {
+    /// Largest distance, as a share of the scene's longest side.
+    const LARGEST: f64 = 0.1;
+
+    /// A distance that a scene file states.
+    ///
+    /// # Errors
+    /// Where it is not above zero and finite.
+    pub fn new(distance: f64, place: Place) -> Result<Self, SceneError> {
+        match Self::sound(distance) {
+            true => Ok(Self { distance, line: Some(place.line) }),
+            false => Err(place.error(Self::unsound(distance))),
+        }
+    }
+
+    fn sound(distance: f64) -> bool {
+        distance > 0.0 && distance.is_finite()
+    }
+
+    fn unsound(distance: f64) -> String {
+        format!(
+            "snap = {distance} is no distance; state metres above zero, a few times the error of a vertex, or leave it out"
+        )
+    }
 }
 
 impl Assembly {
@@ -76,10 +114,22 @@ impl Assembly {
             copy_counts: HashMap::new(),
             stated: HashSet::new(),
             two_sided: HashMap::new(),
-            sides: Vec::new(),
+            mending: Vec::new(),
             camera_lines: HashMap::new(),
             settings_line: None,
             sky: None,
+        }
+    }
+
+    /// The distance that options state for mesh files.
+    ///
+    /// # Errors
+    /// Where it is not above zero and finite.
+    pub fn snap(&self, options: &LoadOptions) -> Result<Option<Snap>, SceneError> {
+        let Some(distance) = options.snap else { return Ok(None) };
+        match Snap::sound(distance) {
+            true => Ok(Some(Snap { distance, line: None })),
+            false => Err(SceneError::File { path: self.path.clone(), message: Snap::unsound(distance) }),
         }
     }
 
@@ -192,7 +242,7 @@ impl Assembly {
         name: String,
         file: &Path,
         mesh: RawMesh,
-        sides: Sides,
+        mending: Mending,
         place: Place,
     ) -> Result<(), SceneError> {
         let mut materials = Vec::with_capacity(mesh.material_names.len());
@@ -234,7 +284,7 @@ impl Assembly {
         );
         let name = free_name(&name, |name| scene.meshes.iter().all(|m| m.name != name));
         scene.meshes.push(Mesh { name, range: first as u32..end as u32 });
-        self.sides.push(sides);
+        self.mending.push(mending);
         scene.origins.push(Origin { file: file.to_path_buf(), lines: mesh.face_lines });
         Ok(())
     }
@@ -327,6 +377,7 @@ impl Assembly {
                 self.leave_out_repeats();
             }
             self.scene.update_degenerate();
+            self.snap_meshes()?;
             self.turn_faces();
             self.add_second_sides(options);
             self.scene.update_degenerate();
@@ -412,11 +463,43 @@ impl Assembly {
         }
     }
 
+    /// Snaps meshes that ask for it, those with the same distance together.
+    fn snap_meshes(&mut self) -> Result<(), SceneError> {
+        let (low, high) = bounds(self.scene.vertices.iter().copied());
+        let size = (high - low).max_element();
+        let mut all: Vec<Snap> = self.mending.iter().filter_map(|mending| mending.snap).collect();
+        all.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        all.dedup_by_key(|snap| snap.distance);
+        for Snap { distance, line } in all {
+            if distance > Snap::LARGEST * size {
+                let message = format!(
+                    "snap = {distance} is more than a tenth of the scene, which measures {size:.3} m; state a few times the error of a vertex"
+                );
+                let path = &self.path;
+                return Err(match line {
+                    Some(line) => Place { path, line }.error(message),
+                    None => SceneError::File { path: path.clone(), message },
+                });
+            }
+            let within: Vec<bool> =
+                self.per_triangle(|mending| mending.snap.is_some_and(|snap| snap.distance == distance));
+            let Snapped { moved, vertices, farthest, planes } =
+                snap(&mut self.scene, distance, |t| within[t]);
+            self.scene.update_degenerate();
+            let millimetres = 1e3 * farthest;
+            self.scene.warnings.push(format!(
+                "{}: snap = {distance} found {planes} planes and moved {moved} of {vertices} vertices, by {millimetres:.3} mm at most.",
+                self.path.display()
+            ));
+        }
+        Ok(())
+    }
+
     fn turn_faces(&mut self) {
-        if self.sides.iter().all(|sides| sides.orient == Orient::Keep) {
+        if self.mending.iter().all(|mending| mending.orient == Orient::Keep) {
             return;
         }
-        let keep: Vec<bool> = self.per_triangle(|sides| sides.orient == Orient::Keep);
+        let keep: Vec<bool> = self.per_triangle(|mending| mending.orient == Orient::Keep);
         let turned = orient(&mut self.scene, |t| keep[t]);
         if turned.is_empty() {
             return;
@@ -431,7 +514,7 @@ impl Assembly {
     }
 
     fn add_second_sides(&mut self, options: &LoadOptions) {
-        let of_mesh: Vec<Option<bool>> = self.per_triangle(|sides| sides.two_sided);
+        let of_mesh: Vec<Option<bool>> = self.per_triangle(|mending| mending.two_sided);
         let two_sided: Vec<bool> = self
             .scene
             .triangles
@@ -442,9 +525,9 @@ impl Assembly {
         self.scene.add_second_sides(|t| two_sided[t]);
     }
 
-    fn per_triangle<T: Clone>(&self, of: impl Fn(&Sides) -> T) -> Vec<T> {
-        let meshes = self.scene.meshes.iter().zip(&self.sides);
-        meshes.flat_map(|(mesh, sides)| std::iter::repeat_n(of(sides), mesh.range.len())).collect()
+    fn per_triangle<T: Clone>(&self, of: impl Fn(&Mending) -> T) -> Vec<T> {
+        let meshes = self.scene.meshes.iter().zip(&self.mending);
+        meshes.flat_map(|(mesh, mending)| std::iter::repeat_n(of(mending), mesh.range.len())).collect()
     }
 
     /// The file, and the line if the error belongs to one.

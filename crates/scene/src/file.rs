@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::assembly::{Assembly, Sides};
+use super::assembly::{Assembly, Mending, Snap};
 use super::error::{Place, SceneError};
 use super::geometry::{Placement, RawMesh};
 use super::mesh_file::{self, Contents};
@@ -28,11 +28,14 @@ pub struct LoadOptions {
     pub orient: Orient,
     /// Give all sheets a second side; `two_sided` of a `[[mesh]]` or a material takes precedence.
     pub two_sided: bool,
+    /// Metres. Within this distance mesh files are made for light, as scans need it: walls become planes, gaps close, and lamps become
+    /// planar or convex; `snap` of a `[[mesh]]` takes precedence. A few times the error of a vertex.
+    pub snap: Option<f64>,
     /// The sky, in place of one that the file gives.
     pub sky: Option<Sky>,
 }
 
-setters!(LoadOptions { strict: bool, orient: Orient, two_sided: bool, sky: Option<Sky> });
+setters!(LoadOptions { strict: bool, orient: Orient, two_sided: bool, snap: Option<f64>, sky: Option<Sky> });
 
 /// Which way the faces of a mesh face.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -68,6 +71,7 @@ impl Scene {
     /// subdivide = 1                  # how many times every edge is halved
     /// two_sided = false              # true: open sheets get a second side, which reflects and blocks light like the first
     /// orient = "auto"                # or "keep": do not turn faces that disagree with their closed shell
+    /// # snap = 0.01                  # metres: walls of a scan become planes, gaps close, lamps become planar or convex
     ///
     /// [material.white]               # overrides the MTL, or defines a material from black
     /// diffuse = 1                    # δ
@@ -119,10 +123,11 @@ impl Scene {
             Some(known) if mesh_file::EXTENSIONS.contains(&known) => {
                 let Contents { meshes, cameras, sky, suns } =
                     mesh_file::read(path, options.strict, &|_| false, assembly.warnings())?;
-                let sides = Sides { orient: options.orient, two_sided: None };
+                let mending =
+                    Mending { orient: options.orient, two_sided: None, snap: assembly.snap(options)? };
                 for (name, mut mesh) in meshes {
                     assembly.add_materials(&mut mesh)?;
-                    assembly.add_mesh(name, path, mesh, sides, Place { path, line: 1 })?;
+                    assembly.add_mesh(name, path, mesh, mending, Place { path, line: 1 })?;
                 }
                 cameras.into_iter().for_each(|camera| assembly.add_camera(camera, 1));
                 sky.into_iter().for_each(|sky| assembly.set_sky(sky));
@@ -167,8 +172,13 @@ impl TomlFile<'_> {
             };
             // The faces of a shape are right.
             let usual = if table.shape.is_some() { Orient::Keep } else { options.orient };
-            let sides = Sides { orient: table.orient.unwrap_or(usual), two_sided: table.two_sided };
-            assembly.add_mesh(table.name.clone().unwrap_or(default_name), &file, mesh, sides, place)?;
+            let snap = match &table.snap {
+                Some(snap) => Some(Snap::new(*snap.get_ref(), self.place(snap.span()))?),
+                None if table.shape.is_some() => None,
+                None => assembly.snap(options)?,
+            };
+            let mending = Mending { orient: table.orient.unwrap_or(usual), two_sided: table.two_sided, snap };
+            assembly.add_mesh(table.name.clone().unwrap_or(default_name), &file, mesh, mending, place)?;
         }
         for (name, _) in materials {
             assembly.warn_if_unused(name.get_ref(), self.place(name.span()));

@@ -40,6 +40,7 @@ mod settings;
 mod shapes;
 mod size;
 mod sky;
+mod snap;
 mod split;
 mod statements;
 mod statue;

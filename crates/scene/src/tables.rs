@@ -49,6 +49,7 @@ pub(super) struct MeshTable {
     pub subdivide: Option<Spanned<u32>>,
     pub two_sided: Option<bool>,
     pub orient: Option<Orient>,
+    pub snap: Option<Spanned<f64>>,
 }
 
 #[derive(Deserialize)]

@@ -29,6 +29,10 @@ pub struct SceneFile {
     /// Give open sheets a second side, which reflects and blocks light like the first
     #[arg(long)]
     two_sided: bool,
+    /// Make mesh files as scans give them fit for light, within this distance in metres, a few times the error of a vertex: walls become
+    /// planes, gaps close, lamps become planar or convex
+    #[arg(long, value_name = "METRES")]
+    snap: Option<f64>,
     /// Light from all around: a radiance in W/(m² sr), one number or R,G,B, or an equirectangular picture (HDR, EXR, PNG, JPEG)
     #[arg(long, value_name = "RADIANCE|FILE", value_parser = parse_sky)]
     sky: Option<Sky>,
@@ -42,6 +46,7 @@ impl SceneFile {
             .strict(self.strict)
             .orient(self.orient)
             .two_sided(self.two_sided)
+            .snap(self.snap)
             .sky(self.sky.clone());
         let scene = Scene::load(&self.scene, &options)?;
         for warning in &scene.warnings {
