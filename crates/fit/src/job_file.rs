@@ -1,5 +1,6 @@
 //! Job files: what to fit to which pictures, in TOML.
 
+use super::detect::{Candidate, candidates};
 use super::job::{FitError, Job};
 use super::loss::LossKind;
 use super::optimiser::{AdamOptions, QuasiNewtonOptions};
@@ -56,6 +57,7 @@ struct FitTable {
     cameras: Option<Vec<String>>,
     per: Option<Per>,
     resolution: Option<u32>,
+    detect: Option<bool>,
     motion: Option<MotionKind>,
     together: Option<bool>,
     lower: Option<Triple>,
@@ -240,11 +242,23 @@ impl JobFile {
             targets.extend(read_targets(&file, target, &scene, &mut warnings)?);
         }
         let place_of = |spanned: std::ops::Range<usize>| file.place(spanned);
-        let fits = table
+        let mut fits = table
             .fit
             .iter()
             .map(|fit| fit.get_ref().fit().map_err(|message| place_of(fit.span()).error(message)))
             .collect::<Result<Vec<_>, SceneError>>()?;
+        for (fit, table) in
+            fits.iter_mut().zip(&table.fit).filter(|(_, table)| table.get_ref().detect == Some(true))
+        {
+            let found = candidates(&scene, &targets);
+            if found.is_empty() {
+                let message = "detect: nothing in the pictures is bright enough to be a lamp; name `meshes` or `materials`";
+                return Err(place_of(table.span()).error(message).into());
+            }
+            warnings.push(detected(&found));
+            fit.groups =
+                Some(found.into_iter().map(|candidate| (candidate.name, candidate.triangles)).collect());
+        }
         let mut settings = Settings::new(fits);
         if table.target.iter().any(|target| target.get_ref().is_set()) {
             settings.loss = LossKind::Huber;
@@ -257,7 +271,9 @@ impl JobFile {
             positive("epsilon", *epsilon, place_of(loss.span()))?;
             positive("threshold", *threshold, place_of(loss.span()))?;
             if threshold.is_some() && settings.loss != LossKind::Huber {
-                return Err(place_of(loss.span()).error("`threshold` is for kind = \"huber\"; remove it").into());
+                return Err(place_of(loss.span())
+                    .error("`threshold` is for kind = \"huber\"; remove it")
+                    .into());
             }
         }
         for term in &table.regulariser {
@@ -307,6 +323,18 @@ impl JobFile {
     }
 }
 
+/// Says what may be a lamp.
+fn detected(found: &[Candidate]) -> String {
+    let list = |seen: bool| {
+        let of = found.iter().filter(|candidate| candidate.is_seen == seen);
+        of.map(|c| format!("{} ({} triangles)", c.name, c.triangles.len())).collect::<Vec<_>>().join(", ")
+    };
+    let [seen, unseen] = [true, false].map(list);
+    let hidden =
+        if unseen.is_empty() { String::new() } else { format!("; as no picture shows them: {unseen}") };
+    format!("Candidates for lamps, whose emission is fitted: as they are bright: {seen}{hidden}.")
+}
+
 impl FitTable {
     fn fit(&self) -> Result<Fit, String> {
         let position = self.parameter == Quantity::Position;
@@ -322,6 +350,9 @@ impl FitTable {
         }
         if self.cameras.is_some() && !camera {
             return Err(String::from("`cameras` is for parameter = \"camera\"; remove it"));
+        }
+        if self.detect == Some(true) && self.parameter != Quantity::Emission {
+            return Err(String::from("`detect` is for parameter = \"emission\"; remove it"));
         }
         if self.resolution.is_some() && self.per != Some(Per::Texel) {
             return Err(String::from("`resolution` is for per = \"texel\"; remove it"));

@@ -7,6 +7,7 @@
 #![warn(missing_docs)]
 
 mod checkpoint;
+mod detect;
 mod engine_renderer;
 mod exposure;
 mod job;
@@ -31,6 +32,7 @@ mod trail;
 
 pub use antirad_render::render::{CameraGradient, Quantity, SceneGradient};
 pub use checkpoint::{CHECKPOINT_FILES, CheckpointError};
+pub use detect::{Candidate, candidates};
 pub use engine_renderer::EngineRenderer;
 pub use exposure::Exposure;
 pub use job::{FitError, FitProgress, Job, OnCheckpoint, Outcome, Record, RunOptions, Stop};

@@ -62,8 +62,10 @@ pub struct Loss {
 const EPSILON: f64 = 0.01;
 /// That of the Huber loss: where photos are dark, noise and rounding to 8 bits are large.
 const EPSILON_OF_HUBER: f64 = 0.1;
-/// Default threshold of the Huber loss.
-const THRESHOLD: f64 = 0.1;
+/// Default threshold of the Huber loss for photos that clip, and for other pictures, whose noise is often that of path tracing: its rare
+/// bright pixels are right in the mean, and would be missed if they counted for less.
+const THRESHOLD: f64 = 0.3;
+const THRESHOLD_OF_RENDERINGS: f64 = 10.0;
 /// Pixels to either side of a local mean.
 const REACH: usize = 2;
 
@@ -83,7 +85,9 @@ impl Loss {
             _ => (EPSILON, Vec::new()),
         };
         let epsilon = if mean > 0.0 { fraction * mean } else { fraction };
-        Self { kind, epsilon, threshold: THRESHOLD, means }
+        let clips = targets.iter().any(|target| target.clip.is_some());
+        let threshold = if clips { THRESHOLD } else { THRESHOLD_OF_RENDERINGS };
+        Self { kind, epsilon, threshold, means }
     }
 
     /// Value and derivative for one channel of one pixel. `mean`: the target around it.
@@ -316,7 +320,7 @@ mod tests {
         let target = Target::new(camera, pixels, None, 1.0).expect("a target");
         let best = |kind| {
             let mut loss = Loss::new(kind, std::slice::from_ref(&target));
-            loss.epsilon = 0.01;
+            (loss.epsilon, loss.threshold) = (0.01, 0.3);
             let at = |v: f64| loss.evaluate(0, &vec![DVec3::splat(v); 400], &target).0;
             (0..300)
                 .map(|k| 0.5 + 0.005 * f64::from(k))

@@ -31,6 +31,13 @@ pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
         }
         return vertices(scene, fit, meshes);
     }
+    if let Some(groups) = &fit.groups {
+        let beyond = groups.iter().flat_map(|(_, of)| of).find(|t| **t as usize >= scene.triangles.len());
+        return match beyond {
+            Some(t) => Err(format!("there is no triangle {t}: the scene has {}", scene.triangles.len())),
+            None => Ok(Selected { groups: groups.clone(), edge: 1.0 }),
+        };
+    }
     let picked = |at: &Option<Vec<usize>>, index: usize| at.as_ref().is_none_or(|at| at.contains(&index));
     let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
     let mut group_of: HashMap<usize, usize> = HashMap::new();

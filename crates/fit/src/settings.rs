@@ -60,7 +60,7 @@ pub struct Settings {
     pub loss: LossKind,
     /// ε of relative losses, W/(m² sr); `None`: a hundredth of the mean target.
     pub epsilon: Option<f64>,
-    /// Threshold of the Huber loss, a relative difference; `None`: 0.1.
+    /// Threshold of the Huber loss, a relative difference; `None`: 0.3 where pictures clip, else 10.
     pub threshold: Option<f64>,
     /// Regularisers.
     pub regularisers: Vec<Regulariser>,

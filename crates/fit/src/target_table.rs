@@ -103,7 +103,8 @@ impl Treatment {
         let clip = (clipped == Clipped::Bound && photo.ends_at_white).then_some(CLIP * self.white);
         if let Some(clip) = clip {
             // Where a pixel was averaged from clipped and other ones, its value is no bound.
-            let parts = pixels.iter().zip(&photo.clipped).map(|(p, clipped)| *clipped && p.max_element() < clip);
+            let parts =
+                pixels.iter().zip(&photo.clipped).map(|(p, clipped)| *clipped && p.max_element() < clip);
             if parts.clone().any(|part| part) {
                 let mask = mask.get_or_insert_with(|| vec![1.0; pixels.len()]);
                 mask.iter_mut().zip(parts).filter(|(_, part)| *part).for_each(|(mask, _)| *mask = 0.0);
@@ -167,7 +168,9 @@ fn exposures(file: &TomlFile, table: &TargetTable, line: usize) -> Result<[Expos
         && shares(exposure) != shares(white_balance)
         && let Some(span) = white_balance.map(Spanned::span)
     {
-        return Err(file.place(span).error("`exposure` and `white_balance` are both \"fit\" or both \"fit-shared\""));
+        return Err(file
+            .place(span)
+            .error("`exposure` and `white_balance` are both \"fit\" or both \"fit-shared\""));
     }
     let shared = (shares(exposure) || shares(white_balance)).then_some(line as u32);
     let found = Exposure { gain: fitted(exposure), white_balance: fitted(white_balance), shared };

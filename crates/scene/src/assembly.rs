@@ -52,6 +52,8 @@ pub(super) struct Mending {
     pub orient: Orient,
     pub two_sided: Option<bool>,
     pub snap: Option<Snap>,
+    /// Whether each object of the file is a mesh.
+    pub objects: bool,
 }
 
 /// The distance, m, within which a mesh is snapped.
@@ -282,10 +284,23 @@ impl Assembly {
                 .zip(materials)
                 .map(|(face, material)| Triangle { vertices: face.map(|v| first_vertex + v), material }),
         );
-        let name = free_name(&name, |name| scene.meshes.iter().all(|m| m.name != name));
-        scene.meshes.push(Mesh { name, range: first as u32..end as u32 });
-        self.mending.push(mending);
-        scene.origins.push(Origin { file: file.to_path_buf(), lines: mesh.face_lines });
+        let mut starts = if mending.objects { mesh.objects } else { Vec::new() };
+        if starts.first().is_none_or(|(_, first)| *first > 0) {
+            starts.insert(0, (name.clone(), 0));
+        }
+        for (k, (object, start)) in starts.iter().enumerate() {
+            let faces = *start..starts.get(k + 1).map_or((end - first) as u32, |(_, next)| *next);
+            if faces.is_empty() && starts.len() > 1 {
+                continue;
+            }
+            let object = if object.is_empty() { &name } else { object };
+            let free = free_name(object, |name| scene.meshes.iter().all(|m| m.name != name));
+            let range = first as u32 + faces.start..first as u32 + faces.end;
+            scene.meshes.push(Mesh { name: free, range });
+            self.mending.push(mending);
+            let lines = mesh.face_lines.get(faces.start as usize..faces.end as usize).unwrap_or_default();
+            scene.origins.push(Origin { file: file.to_path_buf(), lines: lines.to_vec() });
+        }
         Ok(())
     }
 

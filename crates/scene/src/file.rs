@@ -71,6 +71,7 @@ impl Scene {
     /// subdivide = 1                  # how many times every edge is halved
     /// two_sided = false              # true: open sheets get a second side, which reflects and blocks light like the first
     /// orient = "auto"                # or "keep": do not turn faces that disagree with their closed shell
+    /// # objects = true               # each object of the file is a mesh by its name
     /// # snap = 0.01                  # metres: walls of a scan become planes, gaps close, lamps become planar or convex
     ///
     /// [material.white]               # overrides the MTL, or defines a material from black
@@ -123,8 +124,12 @@ impl Scene {
             Some(known) if mesh_file::EXTENSIONS.contains(&known) => {
                 let Contents { meshes, cameras, sky, suns } =
                     mesh_file::read(path, options.strict, &|_| false, assembly.warnings())?;
-                let mending =
-                    Mending { orient: options.orient, two_sided: None, snap: assembly.snap(options)? };
+                let mending = Mending {
+                    orient: options.orient,
+                    two_sided: None,
+                    snap: assembly.snap(options)?,
+                    objects: false,
+                };
                 for (name, mut mesh) in meshes {
                     assembly.add_materials(&mut mesh)?;
                     assembly.add_mesh(name, path, mesh, mending, Place { path, line: 1 })?;
@@ -177,7 +182,8 @@ impl TomlFile<'_> {
                 None if table.shape.is_some() => None,
                 None => assembly.snap(options)?,
             };
-            let mending = Mending { orient: table.orient.unwrap_or(usual), two_sided: table.two_sided, snap };
+            let (orient, objects) = (table.orient.unwrap_or(usual), table.objects.unwrap_or(false));
+            let mending = Mending { orient, two_sided: table.two_sided, snap, objects };
             assembly.add_mesh(table.name.clone().unwrap_or(default_name), &file, mesh, mending, place)?;
         }
         for (name, _) in materials {
@@ -267,6 +273,7 @@ impl TomlFile<'_> {
                     match material {
                         Some(material) => RawMesh {
                             face_lines: mesh.face_lines,
+                            objects: mesh.objects,
                             ..RawMesh::uniform(mesh.vertices, mesh.faces, material)
                         },
                         None => mesh,

@@ -21,6 +21,8 @@ pub(super) struct RawMesh {
     pub uvs: Vec<[DVec2; 3]>,
     /// Per face, factors of the albedo at its corners; empty without colours.
     pub colours: Vec<[DVec3; 3]>,
+    /// Names of the objects in the file, each with its first face; empty without.
+    pub objects: Vec<(String, u32)>,
     pub material_names: Vec<String>,
     /// Materials from the mesh's MTL files, and grey placeholders for missing ones.
     pub materials: Vec<RawMaterial>,
@@ -68,6 +70,7 @@ impl RawMesh {
             face_lines: Vec::new(),
             uvs: Vec::new(),
             colours: Vec::new(),
+            objects: Vec::new(),
             vertices,
             faces,
             material_names: vec![material.to_owned()],
@@ -81,6 +84,7 @@ impl RawMesh {
         for each in [&mut self.face_materials, &mut self.face_lines] {
             *each = each.iter().flat_map(|&value| [value; 4]).collect();
         }
+        self.objects.iter_mut().for_each(|(_, first)| *first *= 4);
         self.uvs = self.uvs.iter().flat_map(|&corners| quarters(corners, DVec2::midpoint)).collect();
         self.colours = self.colours.iter().flat_map(|&corners| quarters(corners, DVec3::midpoint)).collect();
     }
@@ -99,6 +103,8 @@ impl RawMesh {
             true => self.colours.extend(other.colours),
             false => self.colours.clear(),
         }
+        let first_face = self.faces.len() as u32;
+        self.objects.extend(other.objects.into_iter().map(|(name, face)| (name, first_face + face)));
         self.vertices.extend(other.vertices);
         self.faces.extend(other.faces.iter().map(|face| face.map(|v| first + v)));
         self.face_materials.extend(other.face_materials.iter().map(|m| names + m));

@@ -20,9 +20,14 @@ pub(super) struct Contents {
 }
 
 impl Contents {
-    /// All meshes as one, without cameras, sky and suns.
+    /// All meshes as one, of which they are objects unless they have some, without cameras, sky and suns.
     pub fn into_one(self) -> RawMesh {
-        let mut meshes = self.meshes.into_iter().map(|(_, mesh)| mesh);
+        let mut meshes = self.meshes.into_iter().map(|(name, mut mesh)| {
+            if mesh.objects.is_empty() {
+                mesh.objects.push((name, 0));
+            }
+            mesh
+        });
         let mut one = meshes.next().unwrap_or_else(RawMesh::empty);
         meshes.for_each(|mesh| one.append(mesh));
         one

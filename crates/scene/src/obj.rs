@@ -22,8 +22,8 @@ use super::triangulate::triangulate;
 const DEFAULT_MATERIAL: &str = "default";
 const GREY: [f64; 3] = [0.5; 3];
 /// Statements that do not affect geometry or materials.
-const IGNORED: [&str; 6] = ["o", "g", "s", "vp", "l", "p"];
-const READ: [&str; 6] = ["v", "vt", "vn", "f", "usemtl", "mtllib"];
+const IGNORED: [&str; 5] = ["g", "s", "vp", "l", "p"];
+const READ: [&str; 7] = ["o", "v", "vt", "vn", "f", "usemtl", "mtllib"];
 
 /// Reads a mesh and its MTL files. A material for which `defined_elsewhere` holds needs no MTL; others that are missing are
 /// grey, or with `strict` an error.
@@ -48,6 +48,7 @@ pub(super) fn read(
         textures: HashMap::new(),
         face_materials: Vec::new(),
         face_lines: Vec::new(),
+        objects: Vec::new(),
         uses: Vec::new(),
         use_indices: HashMap::new(),
         current: None,
@@ -91,6 +92,8 @@ struct Reader<'a> {
     textures: HashMap<PathBuf, Option<Arc<Texture>>>,
     face_materials: Vec<u32>,
     face_lines: Vec<u32>,
+    /// Names of objects, each with its first face.
+    objects: Vec<(String, u32)>,
     uses: Vec<Use>,
     use_indices: HashMap<String, u32>,
     /// Index into `uses`.
@@ -132,6 +135,7 @@ impl Reader<'_> {
             }
             "usemtl" => self.current = Some(self.use_index(statement.rest(), line, true)),
             "mtllib" => self.library(statement.rest(), place)?,
+            "o" => self.objects.push((statement.rest().to_owned(), self.faces.len() as u32)),
             key if IGNORED.contains(&key) => {}
             key => {
                 self.unknown.get_or_insert_with(|| (line, key.to_owned()));
@@ -360,6 +364,7 @@ impl Reader<'_> {
             face_lines: self.face_lines,
             uvs: self.uvs,
             colours,
+            objects: self.objects,
             material_names: self.uses.into_iter().map(|used| used.name).collect(),
             materials: self.materials,
         })

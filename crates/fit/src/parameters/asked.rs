@@ -62,6 +62,9 @@ pub struct Fit {
     pub cameras: Option<Vec<String>>,
     /// Which triangles share a value.
     pub per: Per,
+    /// Triangles that share a value, with a name for each group, in place of [`Self::per`]: for example candidates for lamps
+    /// ([`candidates`](crate::candidates)). They must be among those selected.
+    pub groups: Option<Vec<(String, Vec<u32>)>>,
     /// For [`Per::Texel`]: columns and rows of each texture; `None`: 64.
     pub resolution: Option<u32>,
     /// For positions: how they may change.
@@ -86,6 +89,7 @@ setters!(Fit {
     meshes: Option<Vec<String>>,
     cameras: Option<Vec<String>>,
     per: Per,
+    groups: Option<Vec<(String, Vec<u32>)>>,
     resolution: Option<u32>,
     motion: MotionKind,
     together: bool,
@@ -105,6 +109,7 @@ impl Fit {
             meshes: None,
             cameras: None,
             per: Per::default(),
+            groups: None,
             resolution: None,
             motion: MotionKind::Rigid,
             together: false,

@@ -1,0 +1,213 @@
+//! Which triangles may be lamps: those that photos show bright, and what no photo shows.
+//!
+//! Candidates are generous. A fit of their emission, which cannot be negative, finds which of them shine: what is bright because a
+//! lamp lights it is explained by that lamp.
+
+use super::target::Target;
+use antirad_render::image::View;
+use antirad_scene::{Edges, Rays, Scene, Welded, sides};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, HashSet};
+
+/// A part of a scene that may be a lamp.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// Name of its mesh, with a number where a mesh has several.
+    pub name: String,
+    /// Its triangles, ascending.
+    pub triangles: Vec<u32>,
+    /// Whether a target shows it.
+    pub is_seen: bool,
+}
+
+/// Where nothing clips, what is so many times as bright as the median of its picture is bright.
+const BRIGHT: f64 = 10.0;
+/// Share of the pixels of a triangle that must be bright, over all pictures: the brightest walls are, in some of them.
+const OFTEN: f64 = 0.7;
+/// Share of a connected part that must be bright for all of it to be a candidate, with what pictures do not show of it.
+const MOST: f64 = 0.4;
+/// Fewest pixels that show a candidate.
+const PIXELS: u32 = 4;
+/// Most candidates that no picture shows, the largest ones.
+const UNSEEN: usize = 4;
+/// Corners closer than this share of the scene's size are one, where triangles are asked for their neighbours.
+const TOUCH: f64 = 1e-5;
+
+/// What pictures show of a triangle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    pixels: u32,
+    bright: u32,
+}
+
+/// Parts of a scene that may be lamps, those that pictures show first, each in the order of their triangles.
+///
+/// A triangle counts as bright if most pixels that show it are clipped ([`Target::clip`]) or, where nothing clips, ten times as bright as
+/// the median of their picture. Bright triangles that touch are a candidate, with all of their connected part of the mesh if most of what
+/// is seen of it is bright.
+pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
+    let rays = Rays::new(scene);
+    let seen = targets.par_iter().map(|target| look(scene, &rays, target)).reduce(
+        || vec![Seen::default(); scene.triangles.len()],
+        |mut all, more| {
+            for (to, more) in all.iter_mut().zip(more) {
+                to.pixels += more.pixels;
+                to.bright += more.bright;
+            }
+            all
+        },
+    );
+    let is_bright = |t: u32| {
+        let Seen { pixels, bright } = seen[t as usize];
+        pixels > 0 && f64::from(bright) >= OFTEN * f64::from(pixels)
+    };
+    let size =
+        |triangles: &[u32]| triangles.iter().map(|&t| scene.area_vector(t as usize).length()).sum::<f64>();
+    let (mut found, mut unseen) = (Vec::new(), Vec::new());
+    for part in parts(scene, |_| true) {
+        let shown: Vec<u32> = part.iter().copied().filter(|&t| seen[t as usize].pixels > 0).collect();
+        let bright: Vec<u32> = shown.iter().copied().filter(|&t| is_bright(t)).collect();
+        if shown.is_empty() {
+            unseen.push(part);
+        } else if size(&bright) >= MOST * size(&shown) && size(&bright) > 0.0 {
+            found.push(part);
+        } else {
+            let bright: HashSet<u32> = bright.into_iter().collect();
+            found.extend(parts(scene, |t| bright.contains(&t)));
+        }
+    }
+    found.retain(|part| part.iter().map(|&t| seen[t as usize].bright).sum::<u32>() >= PIXELS);
+    unseen.sort_by(|a, b| size(b).total_cmp(&size(a)).then(a.cmp(b)));
+    unseen.truncate(UNSEEN);
+    unseen.sort();
+    let mut taken = HashSet::new();
+    let mut named = |triangles: Vec<u32>, is_seen: bool| {
+        let mesh = scene.meshes.iter().find(|mesh| triangles.first().is_some_and(|t| mesh.range.contains(t)));
+        let name = mesh.map_or("lamp", |mesh| mesh.name.as_str());
+        let mut numbered =
+            std::iter::once(name.to_owned()).chain((2u64..).map(|number| format!("{name}_{number}")));
+        let name = numbered.find(|name| taken.insert(name.clone())).unwrap_or_default();
+        Candidate { name, triangles, is_seen }
+    };
+    let mut all: Vec<Candidate> = found.into_iter().map(|part| named(part, true)).collect();
+    all.extend(unseen.into_iter().map(|part| named(part, false)));
+    all
+}
+
+/// What the pixels of a target show, by one ray each.
+fn look(scene: &Scene, rays: &Rays, target: &Target) -> Vec<Seen> {
+    let camera = &target.camera;
+    let view = View::new(camera);
+    let limit = target.clip.unwrap_or_else(|| BRIGHT * median(target));
+    let mut seen = vec![Seen::default(); scene.triangles.len()];
+    let width = camera.width as usize;
+    for (at, pixel) in target.pixels.iter().enumerate().filter(|(at, _)| target.mask_at(*at) > 0.0) {
+        let ray = view.ray((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
+        if let Some((triangle, _)) = rays.nearest(camera.position, ray, None) {
+            seen[triangle].pixels += 1;
+            seen[triangle].bright += u32::from(pixel.max_element() >= limit);
+        }
+    }
+    seen
+}
+
+/// The median of the brightest channels of the pixels that count.
+fn median(target: &Target) -> f64 {
+    let counts = |(at, _): &(usize, &DVec3)| target.mask_at(*at) > 0.0;
+    let mut values: Vec<f64> =
+        target.pixels.iter().enumerate().filter(counts).map(|(_, pixel)| pixel.max_element()).collect();
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// Connected parts of the meshes, of those triangles that count: within each mesh, over edges of (nearly) the same corners.
+fn parts(scene: &Scene, counts: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
+    let (low, high) = antirad_scene::bounds(scene.vertices.iter().copied());
+    let welded = Welded::within((high - low).length().max(1.0) * TOUCH, scene.vertices.iter().copied());
+    let mut parts = Vec::new();
+    for mesh in &scene.meshes {
+        let counted: Vec<u32> = mesh.range.clone().filter(|&t| counts(t)).collect();
+        let corners = |t: u32| welded.positions(scene.triangles[t as usize].vertices);
+        let directed = counted.iter().flat_map(|&t| sides(corners(t)).map(|side| (t, side)));
+        // Disjoint sets; the root of each is its first triangle.
+        let mut root: BTreeMap<u32, u32> = counted.iter().map(|&t| (t, t)).collect();
+        fn find(root: &mut BTreeMap<u32, u32>, t: u32) -> u32 {
+            let mut at = t;
+            while root[&at] != at {
+                let next = root[&root[&at]];
+                root.insert(at, next);
+                at = next;
+            }
+            at
+        }
+        for edge in Edges::new(directed).iter() {
+            let mut around = edge.triangles();
+            let Some(first) = around.next() else { continue };
+            for other in around {
+                let (a, b) = (find(&mut root, first), find(&mut root, other));
+                root.insert(a.max(b), a.min(b));
+            }
+        }
+        let mut of_root: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for t in counted {
+            let first = find(&mut root, t);
+            of_root.entry(first).or_default().push(t);
+        }
+        parts.extend(of_root.into_values());
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use antirad_scene::{Camera, Material, SceneBuilder, Shape};
+    use glam::DAffine3;
+
+    /// A floor, a lamp above it in view, and a box behind the camera.
+    fn scene() -> Scene {
+        let mut builder = SceneBuilder::new();
+        let grey = Material::named("grey");
+        builder.shape("floor", Shape::Quad { cells: 4 }, &grey, DAffine3::from_scale(DVec3::splat(4.0)));
+        let lamp = DAffine3::from_translation(DVec3::Y) * DAffine3::from_scale(DVec3::splat(0.5));
+        builder.shape("panel", Shape::Quad { cells: 2 }, &grey, lamp);
+        builder.shape("behind", Shape::Quad { cells: 1 }, &grey, DAffine3::from_translation(DVec3::Y * 20.0));
+        builder.finish("s").expect("a scene")
+    }
+
+    fn camera() -> Camera {
+        let (position, up) = (DVec3::new(0.0, 6.0, 0.0), DVec3::Z);
+        Camera { position, target: DVec3::ZERO, up, width: 48, height: 48, ..Camera::framing(&[]) }
+    }
+
+    fn target(scene: &Scene, lamp: f64, clip: Option<f64>) -> Target {
+        let camera = camera();
+        let (rays, view) = (Rays::new(scene), View::new(&camera));
+        let panel = scene.meshes[1].range.clone();
+        let pixel = |at: usize| {
+            let ray = view.ray((at % 48) as f64 + 0.5, (at / 48) as f64 + 0.5);
+            let hit = rays.nearest(camera.position, ray, None);
+            let value = if hit.is_some_and(|(t, _)| panel.contains(&(t as u32))) { lamp } else { 0.1 };
+            DVec3::splat(clip.map_or(value, |clip| value.min(clip)))
+        };
+        let target =
+            Target::new(camera.clone(), (0..48 * 48).map(pixel).collect(), None, 1.0).expect("a target");
+        Target { clip, ..target }
+    }
+
+    #[test]
+    fn what_is_bright_or_never_seen_may_be_a_lamp() {
+        let scene = scene();
+        for (lamp, clip) in [(5.0, None), (5.0, Some(1.0))] {
+            let found = candidates(&scene, &[target(&scene, lamp, clip)]);
+            let names: Vec<(&str, bool)> = found.iter().map(|c| (c.name.as_str(), c.is_seen)).collect();
+            assert_eq!(names, [("panel", true), ("behind", false)]);
+            assert_eq!(found[0].triangles, scene.meshes[1].range.clone().collect::<Vec<_>>());
+        }
+        // No brighter than its surroundings.
+        let found = candidates(&scene, &[target(&scene, 0.2, None)]);
+        assert_eq!(found.len(), 1);
+        assert!(!found[0].is_seen);
+    }
+}
