@@ -22,6 +22,27 @@ fn clean_render(folder: &Folder, arguments: &str) -> Run {
     run
 }
 
+/// Frames of a set are views like the cameras of the scene. Where the set has no size, it is that of the picture.
+#[test]
+fn views_of_photographs_are_rendered() {
+    let frame = |name: &str| {
+        format!(
+            "{{\"file_path\": \"./{name}\", \"transform_matrix\": [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1.5], [0, 0, 0, 1]]}}"
+        )
+    };
+    let set = format!("{{\"camera_angle_x\": 1, \"frames\": [{}, {}]}}", frame("left"), frame("right.png"));
+    let folder = Folder::with(&[("t.json", &set)]);
+    image::RgbImage::new(12, 9).save(folder.path("left.jpg")).expect("a picture");
+    let render = |arguments: &str| folder.render(&format!("room.toml --backend cpu --cameras {arguments}"));
+    render("t.json").refused(&["t.json", "frame \"right\"", "right.png"]);
+    render("t.json --camera top").refused(&["t.json has no frame \"top\"", "left, right"]);
+    render("none.json").refused(&["none.json", "cannot be read"]);
+    render("t.json --camera left").succeeded();
+    let shown = picture(&folder, "out/left.exr");
+    assert_eq!((shown.width, shown.height), (12, 9));
+    assert!(!folder.results().contains(&"main.exr".to_owned()));
+}
+
 /// The rows of an array [n, 3].
 fn rows(folder: &Folder, name: &str) -> Vec<[f32; 3]> {
     let bytes = folder.read(name);

@@ -149,8 +149,7 @@ impl JobFile {
     /// cameras = "transforms.json"    # or the folder of COLMAP's model
     /// images = "photos"              # default: beside the JSON file; COLMAP's folder `images`
     /// suffix = ".exr"                # in place of that in the set
-    /// every = 2                      # each second frame
-    /// frames = ["r_0", "r_7"]        # or these
+    /// every = 2                      # each second frame; or frames = ["r_0", "r_7"]
     /// mask = "masks/{name}.png"
     /// scale = 0.5                    # 1 over a whole number
     /// transform = [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]] # from the set's world to the scene's

@@ -55,7 +55,7 @@ impl Photographs<'_> {
         let size = [photo.width, photo.height];
         let lens = frame.intrinsics.lens(size).map_err(of_file)?;
         let camera = self.camera(frame, &lens, size).map_err(of_file)?;
-        let mask = self.mask(frame, size, &camera).map_err(named)?;
+        let mask = self.mask(frame, size).map_err(named)?;
         let (photo, mask) = self.seen(photo, mask.as_ref(), &lens, &camera);
         self.treatment.target(&photo, mask, camera).map_err(|error| of_file(error.to_string()))
     }
@@ -86,13 +86,8 @@ impl Photographs<'_> {
         Ok(camera)
     }
 
-    /// The mask of a frame, of the size of its picture or of a multiple of the camera's.
-    fn mask(
-        &self,
-        frame: &Frame,
-        [width, height]: [u32; 2],
-        camera: &Camera,
-    ) -> Result<Option<PhotoMask>, String> {
+    /// The mask of a frame, of the size of its picture.
+    fn mask(&self, frame: &Frame, [width, height]: [u32; 2]) -> Result<Option<PhotoMask>, String> {
         let Some(pattern) = &self.mask else { return Ok(None) };
         let path = PathBuf::from(pattern.to_string_lossy().replace("{name}", &frame.name));
         let mask = open_mask(&path).map_err(|error| error.of(&path))?;
@@ -100,13 +95,10 @@ impl Photographs<'_> {
             return Ok(Some(mask));
         }
         Err(format!(
-            "{}: the mask is {} x {} pixels, but its picture is {width} x {height}; give it that size ({} takes {} x {})",
+            "{}: the mask is {} x {} pixels, but its picture is {width} x {height}; give it that size",
             path.display(),
             mask.width,
-            mask.height,
-            camera.name,
-            camera.width,
-            camera.height
+            mask.height
         ))
     }
 

@@ -523,6 +523,8 @@ mod tests {
             &["j.toml:5", "frame \"a\"", "elsewhere/./a", "`images`"],
         );
         refused(at, &with("mask = \"{name}_m.png\""), &["j.toml:5", "frame \"a\"", "a_m.png"]);
+        image::GrayImage::new(4, 3).save(at.join("m.png")).expect("written");
+        refused(at, &with("mask = \"m.png\""), &["j.toml:5", "frame \"a\"", "m.png", "4 x 3", "8 x 6"]);
         refused(at, &with("layer = \"x\""), &["j.toml:5", "frame \"a\"", "a.PNG", "layer"]);
         refused(at, &with("suffix = \".exr\"\nlayer = \"x\""), &["frame \"a\"", "a.exr", "no layer \"x\""]);
         refused(at, "cameras = \"none.json\"", &["j.toml:5", "none.json", "cannot be read"]);

@@ -221,12 +221,9 @@ pub struct Projection {
 impl Projection {
     /// As [`Lens::project`].
     pub fn project(&self, direction: DVec3) -> Option<DVec2> {
-        if !(direction.z > 0.0) {
-            return None;
-        }
         let p = direction.truncate() / direction.z;
-        (p.length() <= self.reach)
-            .then(|| self.lens.distortion.distort(p) * self.lens.focal + self.lens.centre)
+        let shown = direction.z > 0.0 && p.length() <= self.reach;
+        shown.then(|| self.lens.distortion.distort(p) * self.lens.focal + self.lens.centre)
     }
 }
 

@@ -300,7 +300,7 @@ mod tests {
                 ("ViewLayer.Normal.X", 7.0),
             ],
         );
-        let file = Written::new("one", &image(&[blender.clone()]));
+        let file = Written::new("one", &image(&[blender]));
         let photo = file.read(None).expect("its only colour");
         assert_eq!((photo.width, photo.height, photo.ends_at_white), (5, 3, false));
         assert_eq!(photo.pixels[7], [7.0, 27.0, 207.0]);
@@ -348,7 +348,7 @@ mod tests {
     fn windows_differ() {
         let mut data = part(None, &[("R", 0.0), ("G", 0.0), ("B", 0.0)]);
         data.attributes.layer_position = Vec2(-1, -1);
-        let mut large = image(&[data.clone()]);
+        let mut large = image(&[data]);
         large.attributes.display_window = IntegerBounds::new((0, 0), (3, 2));
         let photo = Written::new("large", &large).read(None).expect("a part of the data");
         assert_eq!((photo.width, photo.height), (3, 2));

@@ -52,7 +52,7 @@ fn camera(line: &str) -> Result<(u32, Intrinsics), String> {
     model::parameters(&name).map_err(of_camera)?;
     let size = [next(&mut words, "its width")?, next(&mut words, "its height")?];
     let mut parameters = Vec::new();
-    while let Some(word) = words.next() {
+    for word in words {
         parameters.push(next(&mut std::iter::once(word), "a parameter").map_err(of_camera)?);
     }
     let intrinsics = model::intrinsics(&name, size, &parameters).map_err(of_camera)?;
