@@ -204,8 +204,10 @@ fn derivatives_of_sunlit_pictures_are_those_of_central_differences() {
     derivatives_are_those_of_central_differences(&scene);
 }
 
+type VectorOf = fn(&mut Camera) -> &mut DVec3;
+
 /// The vectors of a camera with the derivatives by them.
-fn vectors(by: CameraGradient) -> [(&'static str, fn(&mut Camera) -> &mut DVec3, DVec3); 3] {
+fn vectors(by: CameraGradient) -> [(&'static str, VectorOf, DVec3); 3] {
     [
         ("position", |camera| &mut camera.position, by.position),
         ("target", |camera| &mut camera.target, by.target),

@@ -48,7 +48,7 @@ _Point: TypeAlias = Sequence[float]
 _Rgb: TypeAlias = tuple[float, float, float]
 _Triple: TypeAlias = float | Sequence[float]
 _Kind: TypeAlias = Literal["emission", "albedo", "specular", "diffuse", "power", "vertices", "camera"]
-_Quantity: TypeAlias = Literal["emission", "albedo", "diffuse", "specular", "power", "position"]
+_Quantity: TypeAlias = Literal["emission", "albedo", "diffuse", "specular", "power", "position", "camera"]
 _SolveProgress: TypeAlias = Callable[[int, float, float], object] | bool | None
 _FitProgress: TypeAlias = Callable[[dict[str, Any]], object] | bool | None
 _StepsProgress: TypeAlias = Callable[[int, int], object] | bool | None
@@ -437,6 +437,7 @@ class Fit:
         *,
         materials: Sequence[str] | None = None,
         meshes: Sequence[str] | None = None,
+        cameras: Sequence[str] | None = None,
         per: Literal["material", "mesh", "triangle"] = "material",
         motion: Literal["rigid", "translation", "scale", "similarity", "vertices"] = "rigid",
         together: bool = False,

@@ -69,14 +69,16 @@ enum Subject {
     Difference,
 }
 
+/// Pictures per view.
+type Pictures = Vec<Vec<DVec3>>;
+
 struct Latest {
     scene: Scene,
     solution: Solution,
     params: SolveParams,
     /// Whether the scene is a difference of scenes, whose light is no start for that of others.
     difference: bool,
-    /// Pictures per view.
-    pictures: Vec<Vec<DVec3>>,
+    pictures: Pictures,
     /// What each view shows.
     coverage: Vec<Arc<Coverage>>,
     /// What pictures are made from.
@@ -331,7 +333,7 @@ impl EngineRenderer {
 
     /// The latest light towards the cameras of a scene, and its pictures; `None` if the scene has another light, or if the engine no
     /// longer has this one.
-    fn look_again(&mut self, scene: &Scene) -> Result<Option<(Shown, Vec<Vec<DVec3>>)>, RenderError> {
+    fn look_again(&mut self, scene: &Scene) -> Result<Option<(Shown, Pictures)>, RenderError> {
         if (self.watch)().is_break() {
             return Err(RenderError::Interrupted);
         }

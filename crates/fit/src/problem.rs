@@ -53,10 +53,13 @@ pub struct Judged {
     pub assumptions: Vec<f64>,
 }
 
+/// Pictures, or derivatives of pictures, per view.
+type Pictures = Vec<Vec<DVec3>>;
+
 /// Step of finite differences, in units of the unknowns' scale: balances truncation error against rounding in f32.
 const DIFFERENCE: f64 = 1e-3;
 
-/// Step of the forward differences of a Gauss-Newton Hessian, in units of the unknowns' scale.
+/// Step of the forward differences of a Gauss-Newton Hessian, in units of the unknowns' scale, but for those of cameras.
 const COLUMN_STEP: f64 = 1e-2;
 
 impl Problem {
@@ -324,7 +327,7 @@ impl Problem {
         column: &[Shown],
         here: &[Vec<DVec3>],
         renderer: &mut dyn Renderer,
-    ) -> Result<Option<Vec<(usize, Vec<Vec<DVec3>>)>>, RenderError> {
+    ) -> Result<Option<Vec<(usize, Pictures)>>, RenderError> {
         let steps = self.steps_into_room(x);
         let mut moved = x.to_vec();
         column.iter().for_each(|shown| moved[shown.unknown] += steps[shown.unknown]);
@@ -349,7 +352,7 @@ impl Problem {
     }
 }
 
-fn weighted(slopes: &[Vec<DVec3>], weights: &[Vec<DVec3>]) -> Vec<Vec<DVec3>> {
+fn weighted(slopes: &[Vec<DVec3>], weights: &[Vec<DVec3>]) -> Pictures {
     let of_view = |(slopes, weights): (&Vec<DVec3>, &Vec<DVec3>)| {
         slopes.iter().zip(weights).map(|(slope, weight)| slope * weight).collect()
     };

@@ -69,10 +69,10 @@ pub struct Settings {
     /// Options of the quasi-Newton method.
     pub quasi_newton: QuasiNewtonOptions,
     /// Pictures per view that a Gauss-Newton Hessian for the quasi-Newton method may take: one for each colour, number or
-    /// coordinate fitted. With more, its model starts from the diagonal, where albedos and emissions alone are fitted; with 0
+    /// coordinate fitted, and six for the poses of all cameras. With more, its model starts from the diagonal, where albedos and emissions alone are fitted; with 0
     /// it is learnt from gradients alone.
     pub gauss_newton: usize,
-    /// Relative noise of the loss; `None`: a tenth of the tolerance of solves, or 1e-4 where positions are fitted.
+    /// Relative noise of the loss; `None`: a tenth of the tolerance of solves, or 1e-4 where positions or cameras are fitted.
     /// Overrides that in [`Self::quasi_newton`].
     pub noise: Option<f64>,
     /// Options of Adam.
