@@ -91,8 +91,10 @@ fn surfaces(scene: &Scene, facets: &[Facet], tolerance: f64) -> Vec<Polygon> {
     let emitters: Vec<u32> = (0..facets.len() as u32).filter(emits).collect();
     let alike = |i: u32, j: u32| scene.triangles[i as usize].material == scene.triangles[j as usize].material;
     let solids = Solid::among(facets, &emitters, tolerance, alike);
+    let same = |i: u32, j: u32| in_plane(facets, [i, j], PARALLEL, tolerance);
+    let faces = |solid: &Solid| connected(facets, solid.triangles(), tolerance, same).len();
     let (mut whole, others): (Vec<Solid>, Vec<Solid>) =
-        solids.into_iter().partition(|solid| solid.is_flat(facets));
+        solids.into_iter().partition(|solid| solid.is_flat(facets, faces(solid)));
     let lamps = beside(whole.clone(), facets, &emitters, tolerance, alike);
     if lamps.len() <= FEW || others.is_empty() {
         return lamps;

@@ -14,6 +14,9 @@ const LEAST: usize = 12;
 /// Largest extent of a silhouette across its plane that may be left out of account, as a share f of its diameter: .14 of a ball of 320
 /// triangles, .37 of a box. What stands within 2 f² of the radius before a limb may count as behind it.
 const FLAT: f64 = 0.35;
+/// The same where faces would be more than so many lamps, and cost more than that is worth: bulbs as scans give them.
+const NEARLY_FLAT: f64 = 0.45;
+const MANY: usize = 32;
 /// Directions from which silhouettes are tried, in each of two dimensions.
 const TRIED: u32 = 6;
 
@@ -78,8 +81,9 @@ impl Solid {
         facets[triangle as usize].corners[corner as usize]
     }
 
-    /// Whether silhouettes are nearly plane, seen from far away all around.
-    pub fn is_flat(&self, facets: &[Facet]) -> bool {
+    /// Whether silhouettes are nearly plane, seen from far away all around. `faces`: how many planar lamps it would be otherwise.
+    pub fn is_flat(&self, facets: &[Facet], faces: usize) -> bool {
+        let limit = if faces > MANY { NEARLY_FLAT } else { FLAT };
         let all: Vec<DVec3> = (0..self.vertices.len() as u32).map(|v| self.place(facets, v)).collect();
         let centre = mean(&all);
         let far = 100.0 * all.iter().map(|v| v.distance(centre)).fold(0.0, f64::max);
@@ -93,7 +97,7 @@ impl Solid {
             let to_plane = orthonormal_basis(normal(&corners)).transpose();
             let (low, high) = bounds(corners.iter().map(|c| to_plane * *c));
             let size = high - low;
-            size.z <= FLAT * size.x.max(size.y)
+            size.z <= limit * size.x.max(size.y)
         };
         (0..TRIED * TRIED).all(|k| plane([k / TRIED, k % TRIED]))
     }

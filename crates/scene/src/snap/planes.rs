@@ -9,6 +9,10 @@ const LEANING: f64 = 25.0;
 /// In distances: the least width of a region that is a plane, and of one with sharp borders, a side of a box.
 const WIDE: f64 = 15.0;
 const NARROW: f64 = 4.0;
+/// In distances: the farthest that a corner is from its plane.
+const NEAR: f64 = 1.5;
+/// In distances: the least height of a triangle whose normal noise leaves much of.
+const RELIABLE: f64 = 2.0;
 /// Borders are sharp where normals differ by more degrees, and all are if this share of their length is.
 const SHARP: f64 = 45.0;
 const SHARP_SHARE: f64 = 0.75;
@@ -182,7 +186,7 @@ impl Growth<'_> {
                 .surface
                 .corners(t)
                 .iter()
-                .all(|corner| plane.height(*corner).abs() <= self.surface.distance)
+                .all(|corner| plane.height(*corner).abs() <= NEAR * self.surface.distance)
     }
 
     /// The region around a triangle, and its plane, which is fitted each time that the region has doubled.
@@ -249,6 +253,7 @@ impl Growth<'_> {
         let mut inside: Vec<u32> = region.to_vec();
         inside.sort_unstable();
         let least = SHARP.to_radians().cos();
+        let reliable = |t: u32| height(self.surface.corners(t)) >= RELIABLE * self.surface.distance;
         let (mut sharp, mut all) = (0.0, 0.0);
         for &t in region {
             let corners = self.surface.corners(t);
@@ -258,7 +263,9 @@ impl Growth<'_> {
                 }
                 let length = corners[side].distance(corners[(side + 1) % 3]);
                 all += length;
-                if beyond == NONE || self.normals[beyond as usize].dot(plane.normal) < least {
+                if beyond == NONE
+                    || reliable(beyond) && self.normals[beyond as usize].dot(plane.normal) < least
+                {
                     sharp += length;
                 }
             }
