@@ -140,6 +140,43 @@ fn a_box_is_moved_back_by_what_two_views_see() {
     assert!(way.iter().all(|w| w.abs() < 1e-3), "{way:?}");
 }
 
+/// A photo whose camera is not quite known: the fitted scene has it where it is found, beside its own cameras. It is rolled, since level edges
+/// pass all samples of a row at once.
+#[test]
+fn a_camera_is_found_and_kept() {
+    let boxed = "\n[[mesh]]\nname = \"block\"\nshape = { kind = \"box\", cells = 1 }\nmaterial = \"lamp\"\n\
+                 scale = 0.2\nrotate_degrees = [20, 30, 10]\ntranslate = [0.4, 0.3, 0.5]\n";
+    let room = format!("{ROOM}{boxed}{SETTINGS}")
+        .replace("width = 32\nheight = 24", "up = [0.3, 1, 0.1]\nwidth = 64\nheight = 48");
+    let job = "scene = \"room.toml\"\n[[target]]\npicture = \"out/photo.exr\"\nview = { position = [0.505, 0.496, 0.05], \
+               target = [0.512, 0.5, 1], up = [0.3, 1, 0.1], fov_x_degrees = 85, width = 64, height = 48 }\n[[fit]]\n\
+               parameter = \"camera\"\n[stop]\niterations = 15\n[solve]\nsupersample = 8\n";
+    let folder = Folder::with(&[("room.toml", room.as_str()), ("job.toml", job)]);
+    folder.render("room.toml --refine=never --supersample 8").succeeded();
+    std::fs::rename(folder.path("out/main.exr"), folder.path("out/photo.exr")).expect("renamed");
+    folder.run("fit job.toml --output fits").succeeded();
+    let place = value(&folder, "fits/job/parameters.json", "camera position");
+    let truth = [0.5, 0.5, 0.05];
+    // One small picture tells places from turns only roughly.
+    let off = |place: &[f64]| place.iter().zip(truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    assert!(off(&place) < 0.5 * off(&[0.505, 0.496, 0.05]), "{place:?}");
+    let fitted = Scene::load(&folder.path("fits/job/scene.toml"), &LoadOptions::default()).expect("a scene");
+    let names: Vec<&str> = fitted.cameras.iter().map(|camera| camera.name.as_str()).collect();
+    assert_eq!(names, ["main", "side", "photo"]);
+    let [first, .., photo] = &fitted.cameras[..] else { panic!("cameras") };
+    assert_eq!(first.position.to_array(), truth);
+    assert!(photo.position.abs_diff_eq(glam::DVec3::from_slice(&place), 1e-12), "{}", photo.position);
+    folder
+        .run("render fits/job/scene.toml --camera photo --refine=never --supersample 8 --output again")
+        .succeeded();
+    let picture = |name: &str| antirad::image::Picture::read_exr(folder.path(name)).expect("a picture");
+    let pairs = picture("again/photo.exr").pixels.into_iter().zip(picture("fits/job/photo.exr").pixels);
+    for (again, fitted) in pairs {
+        let near = (0..3).all(|c| (again[c] - fitted[c]).abs() <= 1e-3 * (0.1 + fitted[c].abs()));
+        assert!(near, "{again:?} {fitted:?}");
+    }
+}
+
 #[test]
 fn the_log_can_be_json() {
     let folder = folder(&[("job.toml", &JOB.replace("iterations = 12", "iterations = 2"))]);
