@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, HashSet};
 const DENT: f64 = 1.5;
 /// In distances: how far a corner of a closed lamp moves at most.
 const FARTHEST: f64 = 3.0;
-/// As a share of the size of a lamp: dents that count as none, and by how much less a mended edge dents.
+/// As a share of the size of a lamp: dents that count as none, and how far an edge that is mended bulges.
 const ROUNDING: f64 = 1e-9;
 const CONVEX: f64 = 1e-6;
 /// Shares of the way to the mean of its neighbours that a corner goes, in turn, and how often.
@@ -202,7 +202,7 @@ impl Shell {
         self.smooth(&mut at);
         let done = (0..ROUNDS).any(|_| {
             self.push_out(&mut at, CONVEX * size);
-            self.worst(&at) <= 0.0
+            self.worst(&at) <= ROUNDING * size
         });
         let near = |(place, &joint): (&DVec3, &u32)| {
             place.distance(joints.places[joint as usize]) <= FARTHEST * surface.distance

@@ -14,7 +14,7 @@ const NEAR: f64 = 1.5;
 /// In distances: the least height of a triangle whose normal noise leaves much of.
 const RELIABLE: f64 = 2.0;
 /// Borders are sharp where normals differ by more degrees, and all are if this share of their length is.
-const SHARP: f64 = 45.0;
+const SHARP: f64 = 60.0;
 const SHARP_SHARE: f64 = 0.75;
 /// In distances: the largest root mean square of heights over a plane.
 const ROUGH: f64 = 0.5;

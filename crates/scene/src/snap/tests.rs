@@ -34,7 +34,7 @@ fn grey() -> Material {
 fn room(things: impl FnOnce(&mut SceneBuilder)) -> Scene {
     let mut builder = SceneBuilder::new();
     builder.shape("room", Shape::Room { cells: 12 }, &grey(), placed([4.0, 2.5, 3.0], [0.0; 3]));
-    builder.shape("box", Shape::Box { cells: 4 }, &grey(), placed([0.8, 0.5, 0.6], [1.0, 0.0, 1.2]));
+    builder.shape("box", Shape::Box { cells: 4 }, &grey(), placed([0.8, 0.5, 0.6], [1.1, 0.0, 1.3]));
     things(&mut builder);
     let scene = builder.finish("room").expect("a scene");
     with_sides_apart(&scene)
