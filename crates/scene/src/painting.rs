@@ -185,4 +185,25 @@ mod tests {
             assert!(mean.abs_diff_eq(DVec3::from(scene.material(t).albedo), 0.01), "{mean}");
         }
     }
+
+    #[test]
+    fn textures_are_written_and_read() {
+        let mut scene = square();
+        let uvs = [[0, 1, 2], [0, 2, 3]].map(|t| t.map(|v: usize| scene.vertices[v].truncate() * 0.9 + 0.05));
+        Arc::make_mut(&mut scene.patterns).extend_uvs(0, &uvs);
+        let (painting, _) = scene.paint(&[0, 1], [8, 4]).expect("painted");
+        let texels = (0..32).map(|k| DVec3::new(0.5 + 0.4 * (2.3 * f64::from(k)).sin(), 0.3, 0.9)).collect();
+        scene.set_painting(&painting, texels);
+        let folder = tempfile::tempdir().expect("a folder");
+        scene.save(&folder.path().join("s.toml")).expect("written");
+        let read = Scene::load(&folder.path().join("s.toml"), &crate::LoadOptions::default()).expect("read");
+        for t in 0..2 {
+            for b in [DVec3::new(0.2, 0.3, 0.5), DVec3::new(0.6, 0.1, 0.3), DVec3::splat(1.0 / 3.0)] {
+                let albedo = |scene: &Scene| {
+                    scene.patterns.at(t, b).expect("a pattern").value[0] * DVec3::from(scene.material(t).albedo)
+                };
+                assert!(albedo(&read).abs_diff_eq(albedo(&scene), 1e-4), "{} {}", albedo(&read), albedo(&scene));
+            }
+        }
+    }
 }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 
 use super::geometry::{Maps, quarters};
-use super::texture::{Map, Texel};
+use super::texture::{Map, Texel, Texture};
 
 /// Factors of albedo and emission within triangles, whose means over a triangle are 1. Empty where nothing is textured.
 #[derive(Clone, Debug, Default)]
@@ -139,6 +139,14 @@ impl Patterns {
         self.maps.len() == other.maps.len() && self.maps.iter().zip(&other.maps).all(same)
     }
 
+    /// The textures of albedo that are fitted, each with its index.
+    pub(super) fn fitted(&self) -> Vec<(u32, Arc<Texture>)> {
+        let albedo = |(index, maps): (u32, &Maps)| {
+            maps.albedo.as_ref().filter(|map| map.texture.is_light()).map(|map| (index, map.texture.clone()))
+        };
+        (0..).zip(&self.maps).filter_map(albedo).collect()
+    }
+
     /// Adds textures that patterns refer to by the index returned.
     pub(super) fn add_maps(&mut self, maps: Maps) -> u32 {
         self.maps.push(maps);
@@ -180,6 +188,12 @@ impl Patterns {
         if let Some(to) = self.maps.get_mut(index as usize) {
             *to = maps;
         }
+    }
+
+    /// The textures of a triangle, by their index, and the texture coordinates of its corners.
+    pub(super) fn textured(&self, triangle: usize) -> Option<(u32, [DVec2; 3])> {
+        let Pattern { maps, uvs, .. } = self.of.get(triangle)?.as_ref()?;
+        Some((*maps, *uvs))
     }
 
     /// The textures of a triangle, by their index, and its texture coordinates at a point.

@@ -4,11 +4,14 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
 use std::io::{BufWriter, Error, Write};
 use std::path::Path;
+use std::sync::Arc;
 
+use glam::DVec2;
 use serde::Serialize;
 
+use super::texture::Texture;
 use super::{
-    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun, Transport,
+    BinLayout, Choice, Lamps, Material, Normalization, Patterns, Scene, SolveSettings, SolverChoice, Sun, Transport,
     VisibilityChoice,
 };
 use antirad_base::output::{OutputError, atomic_write};
@@ -93,6 +96,9 @@ impl Scene {
     /// Numbers have all their digits: [`Scene::load`] restores the same vertices, triangles, meshes, materials, suns, cameras
     /// and settings, except for the sign of zeros.
     ///
+    /// Textures that were fitted become PNG files of 16 bits, and their triangles one material each. Other textures are not written: pictures of
+    /// the file show the means of triangles.
+    ///
     /// The formats impose two changes. Characters of a material name that MTL would misread (a line break, a `#` after a
     /// blank) become `_`. Meshes that share vertices get copies of their own.
     ///
@@ -103,17 +109,22 @@ impl Scene {
         let stem = readable(&stem);
         let names = self.readable_names();
         let mtl = format!("{stem}.mtl");
+        let textures = self.fitted_textures(&stem, &names);
+        for texture in &textures {
+            let png = texture.image.png().map_err(Error::other);
+            atomic_write(&path.with_file_name(&texture.file), |file| file.write_all(&png?))?;
+        }
         let mut vertices = self.vertex_runs();
         let mut tables = Vec::with_capacity(self.meshes.len());
         for (k, mesh) in self.meshes.iter().enumerate() {
             let obj =
                 if self.meshes.len() == 1 { format!("{stem}.obj") } else { format!("{stem}_{}.obj", k + 1) };
             atomic_write(&path.with_file_name(&obj), |file| {
-                self.write_obj(file, &mtl, &names, mesh.range.clone(), &mut vertices[k])
+                self.write_obj(file, &mtl, &names, &textures, mesh.range.clone(), &mut vertices[k])
             })?;
             tables.push(MeshTable { name: &mesh.name, path: obj, orient: "keep" });
         }
-        atomic_write(&path.with_file_name(&mtl), |file| self.write_mtl(file, &names))?;
+        atomic_write(&path.with_file_name(&mtl), |file| self.write_mtl(file, &names, &textures))?;
         let text = self.toml(tables, &names);
         atomic_write(path, |file| file.write_all(text.map_err(Error::other)?.as_bytes()))
     }
@@ -167,6 +178,7 @@ impl Scene {
         file: &mut File,
         mtl: &str,
         names: &[String],
+        textures: &[SavedTexture],
         range: std::ops::Range<u32>,
         vertices: &mut [u32],
     ) -> Result<(), Error> {
@@ -177,28 +189,46 @@ impl Scene {
             writeln!(file, "v {x:?} {y:?} {z:?}")?;
         }
         let numbers: HashMap<u32, usize> = vertices.iter().zip(1..).map(|(&v, number)| (v, number)).collect();
-        let mut current = None;
-        for triangle in &self.triangles[range.start as usize..range.end as usize] {
-            if current != Some(triangle.material) {
-                writeln!(file, "usemtl {}", names[triangle.material as usize])?;
-                current = Some(triangle.material);
+        let (mut current, mut coordinates) = (None, 0);
+        for t in range {
+            let triangle = &self.triangles[t as usize];
+            let texture = textures.iter().find_map(|texture| Some((texture, texture.uvs(&self.patterns, t)?)));
+            let name = texture.map_or(&names[triangle.material as usize], |(texture, _)| &texture.material);
+            if current != Some(name) {
+                writeln!(file, "usemtl {name}")?;
+                current = Some(name);
             }
             let [a, b, c] = triangle.vertices.map(|v| numbers.get(&v).copied().unwrap_or(0));
-            writeln!(file, "f {a} {b} {c}")?;
+            if let Some((_, uvs)) = texture {
+                for uv in uvs {
+                    // OBJ counts from the lower left corner.
+                    writeln!(file, "vt {:?} {:?}", uv.x, 1.0 - uv.y)?;
+                }
+                let [i, j, k] = [1, 2, 3].map(|corner| coordinates + corner);
+                coordinates += 3;
+                writeln!(file, "f {a}/{i} {b}/{j} {c}/{k}")?;
+            } else {
+                writeln!(file, "f {a} {b} {c}")?;
+            }
         }
         file.flush()
     }
 
-    fn write_mtl(&self, file: &mut File, names: &[String]) -> Result<(), Error> {
+    fn write_mtl(&self, file: &mut File, names: &[String], textures: &[SavedTexture]) -> Result<(), Error> {
         let mut file = BufWriter::new(file);
-        for (material, name) in self.materials.iter().zip(names) {
+        let write = |file: &mut BufWriter<&mut File>, name: &String, material: &Material, albedo: [f64; 3]| {
             writeln!(file, "newmtl {name}")?;
-            for (key, [r, g, b]) in
-                [("Kd", material.albedo), ("Ks", material.specular), ("Ke", material.emission)]
-            {
+            for (key, [r, g, b]) in [("Kd", albedo), ("Ks", material.specular), ("Ke", material.emission)] {
                 writeln!(file, "{key} {r:?} {g:?} {b:?}")?;
             }
-            writeln!(file, "Ns {:?}", material.power)?;
+            writeln!(file, "Ns {:?}", material.power)
+        };
+        for (material, name) in self.materials.iter().zip(names) {
+            write(&mut file, name, material, material.albedo)?;
+        }
+        for texture in textures {
+            write(&mut file, &texture.material, &self.materials[texture.like as usize], [1.0; 3])?;
+            writeln!(file, "map_Kd {}", texture.file)?;
         }
         file.flush()
     }
@@ -284,6 +314,44 @@ impl Scene {
             text.push_str(&toml::to_string(&named)?);
         }
         Ok(text)
+    }
+}
+
+/// A texture that was fitted, as it is written.
+struct SavedTexture {
+    maps: u32,
+    image: Arc<Texture>,
+    file: String,
+    /// Name of the material of its triangles, and one that it is like but for the albedo.
+    material: String,
+    like: u32,
+}
+
+impl SavedTexture {
+    /// The texture coordinates of a triangle that it covers.
+    fn uvs(&self, patterns: &Patterns, triangle: u32) -> Option<[DVec2; 3]> {
+        patterns.textured(triangle as usize).filter(|(maps, _)| *maps == self.maps).map(|(_, uvs)| uvs)
+    }
+}
+
+impl Scene {
+    /// The textures that were fitted, in the order of the scene's.
+    fn fitted_textures(&self, stem: &str, names: &[String]) -> Vec<SavedTexture> {
+        let mut taken: HashSet<&str> = names.iter().map(String::as_str).collect();
+        let free: Vec<String> = (1u64..)
+            .map(|number| format!("texture_{number}"))
+            .filter(|name| !taken.remove(name.as_str()))
+            .take(self.patterns.fitted().len())
+            .collect();
+        let first = |maps: u32| {
+            let of = |t: &usize| self.patterns.textured(*t).is_some_and(|(own, _)| own == maps);
+            (0..self.triangles.len()).find(of).map(|t| self.triangles[t].material)
+        };
+        let saved = |((maps, image), material): ((u32, Arc<Texture>), String)| {
+            let file = format!("{stem}_{material}.png");
+            Some(SavedTexture { maps, image, file, like: first(maps)?, material })
+        };
+        self.patterns.fitted().into_iter().zip(free).filter_map(saved).collect()
     }
 }
 

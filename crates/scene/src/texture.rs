@@ -82,6 +82,11 @@ pub(super) fn linear_from_srgb(x: f64) -> f64 {
     if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
+/// The inverse of [`linear_from_srgb`].
+fn srgb_from_linear(x: f64) -> f64 {
+    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+}
+
 impl Texture {
     /// Reads a PNG or JPEG; `None` for files of other kinds.
     ///
@@ -117,6 +122,22 @@ impl Texture {
             false => (Texels::Words(rgb(picture.into_rgb16().into_raw())), table(u32::from(u16::MAX))),
         };
         Self { width, height, texels, light, mean: OnceLock::new() }
+    }
+
+    /// Whether its texels are light, and not numbers of a file.
+    pub fn is_light(&self) -> bool {
+        matches!(self.texels, Texels::Light(_))
+    }
+
+    /// The texture as a PNG of 16 bits in sRGB; what is brighter than white is white.
+    pub fn png(&self) -> Result<Vec<u8>, image::ImageError> {
+        let number = |x: f64| (srgb_from_linear(x.clamp(0.0, 1.0)) * f64::from(u16::MAX)).round() as u16;
+        let picture = image::ImageBuffer::from_fn(self.width, self.height, |x, y| {
+            image::Rgb(self.texel(x, y).to_array().map(number))
+        });
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        DynamicImage::ImageRgb16(picture).write_to(&mut bytes, ImageFormat::Png)?;
+        Ok(bytes.into_inner())
     }
 
     /// Whether both hold the same light, and no numbers of a file.
