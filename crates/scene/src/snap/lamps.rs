@@ -216,8 +216,9 @@ impl Shell {
         good.then(|| self.joints.iter().copied().zip(at).collect())
     }
 
-    /// Averages noise out without shrinking (G. Taubin, *A signal processing approach to fair surface design*, 1995).
+    /// Averages noise out, within the same volume (G. Taubin, *A signal processing approach to fair surface design*, 1995).
     fn smooth(&self, at: &mut [DVec3]) {
+        let before = self.volume(at);
         for share in SMOOTHING.into_iter().cycle().take(SMOOTHING.len() * SMOOTHED) {
             let mut sums = vec![(DVec3::ZERO, 0.0); at.len()];
             for &[a, b, ..] in &self.edges {
@@ -232,6 +233,21 @@ impl Shell {
                 }
             }
         }
+        let scale = (before / self.volume(at)).cbrt();
+        if scale.is_finite() {
+            let centre = at.iter().sum::<DVec3>() / at.len() as f64;
+            let free = at.iter_mut().zip(&self.free).filter(|(_, free)| **free);
+            free.for_each(|(place, _)| *place = centre + scale * (*place - centre));
+        }
+    }
+
+    fn volume(&self, at: &[DVec3]) -> f64 {
+        // From a place nearby, for rounding.
+        let part = |corners: &[usize; 3]| {
+            let [a, b, c] = corners.map(|k| at[k] - at[0]);
+            a.dot(b.cross(c)) / 6.0
+        };
+        self.triangles.iter().map(part).sum()
     }
 
     /// The deepest dent: height of a triangle's far corner over the plane of its neighbour.

@@ -79,7 +79,7 @@ struct Joints {
     triangles: Vec<[u32; 3]>,
     /// Per triangle and side, the triangle on the other side.
     beyond: Vec<[u32; 3]>,
-    /// Per joint, whether an edge of a single triangle ends there.
+    /// Per joint, whether an edge of a single triangle ends there, gaps not closed.
     open: Vec<bool>,
 }
 
@@ -101,6 +101,9 @@ impl Joints {
             surface.triangles.iter().map(|corners| corners.map(|p| of[p as usize])).collect();
         let mut beyond = vec![[NONE; 3]; triangles.len()];
         let mut open = vec![false; count];
+        for edge in Edges::of(surface.triangles.iter().copied()).iter().filter(|edge| edge.len() == 1) {
+            edge.ends().iter().for_each(|&point| open[of[point as usize] as usize] = true);
+        }
         for edge in Edges::of(triangles.iter().copied()).iter() {
             let [low, _] = edge.ends();
             let (mut there, mut back): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
@@ -117,9 +120,6 @@ impl Joints {
                         beyond[t as usize][side] = neighbour;
                     }
                 }
-            }
-            if rest.len() % 2 == 1 {
-                edge.ends().iter().for_each(|&joint| open[joint as usize] = true);
             }
         }
         Self { of, places, triangles, beyond, open }
