@@ -398,7 +398,7 @@ impl Scene {
     ///     OSError: A file cannot be written.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let scene = self.inner.clone();
-        work::run(py, None, move |_| scene.save(&path))?.or_raise()
+        work::run(py, None, move |_| scene.save(&path).map(|_| ()))?.or_raise()
     }
 
     /// Writes the scene for another program, by the name's extension: `.glb` (glTF 2.0), `.xml` (Mitsuba 3, with a PLY for each mesh

@@ -398,8 +398,11 @@ impl Job {
     }
 
     fn new_optimiser(&self) -> Optimiser {
-        let (x, bounds) =
-            (self.problem.parameters.start().to_vec(), self.problem.parameters.bounds().clone());
+        self.optimiser_from(self.problem.parameters.start().to_vec())
+    }
+
+    fn optimiser_from(&self, x: Vec<f64>) -> Optimiser {
+        let bounds = self.problem.parameters.bounds().clone();
         match self.optimiser() {
             OptimiserKind::Adam => Optimiser::Adam(Adam::new(x, bounds, self.settings.adam)),
             OptimiserKind::LeastSquares => Optimiser::LeastSquares(LeastSquares::new(x, bounds)),
@@ -468,6 +471,14 @@ impl Job {
             } else {
                 checkpoints.clear()?;
             }
+        }
+        if resumed_from.is_none() && self.settings.scale_emission {
+            let start = self.problem.parameters.start();
+            let x = self.problem.scaled_emission(start, renderer).map_err(|error| match error {
+                RenderError::Interrupted => FitError::Interrupted { iteration: 0 },
+                error => error.into(),
+            })?;
+            progress = FitProgress::new(self.optimiser_from(x));
         }
         let mut clock = Instant::now();
         let mut store = |progress: &mut FitProgress| -> Result<(), FitError> {

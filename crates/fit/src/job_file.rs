@@ -129,6 +129,9 @@ struct SolveTable {
     backend: Option<BackendChoice>,
 }
 
+/// Relative residual of solves for photographs: far below their noise.
+const TOLERANCE_OF_PHOTOGRAPHS: f64 = 3e-4;
+
 impl JobFile {
     /// Reads and checks a job, its scene and its pictures. Paths are relative to the file.
     ///
@@ -246,6 +249,7 @@ impl JobFile {
             .iter()
             .map(|fit| fit.get_ref().fit().map_err(|message| place_of(fit.span()).error(message)))
             .collect::<Result<Vec<_>, SceneError>>()?;
+        let mut scale_emission = false;
         for (fit, table) in
             fits.iter_mut().zip(&table.fit).filter(|(_, table)| table.get_ref().detect == Some(true))
         {
@@ -255,12 +259,17 @@ impl JobFile {
                 return Err(place_of(table.span()).error(message).into());
             }
             warnings.push(detected(&found));
+            if fit.initial.is_none() {
+                fit.initial = Some([1.0; 3]);
+                scale_emission = true;
+            }
             fit.groups =
                 Some(found.into_iter().map(|candidate| (candidate.name, candidate.triangles)).collect());
         }
-        let mut settings = Settings::new(fits);
+        let mut settings = Settings::new(fits).scale_emission(scale_emission);
         if table.target.iter().any(|target| target.get_ref().is_set()) {
             settings.loss = LossKind::Huber;
+            settings.tolerance = Some(TOLERANCE_OF_PHOTOGRAPHS);
         }
         if let Some(loss) = &table.loss {
             let LossTable { kind, epsilon, threshold } = loss.get_ref();

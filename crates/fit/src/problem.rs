@@ -1,12 +1,12 @@
 //! The objective: loss and gradient as functions of the unknowns.
 
-use super::exposure;
+use super::exposure::{self, Exposure};
 use super::loss::PictureLoss;
 use super::parameters::{Parameters, Shown};
 use super::regulariser::Regularisers;
 use super::renderer::{RenderError, Renderer};
 use super::target::Target;
-use antirad_render::render::SceneGradient;
+use antirad_render::render::{Quantity, SceneGradient};
 use antirad_scene::Scene;
 use glam::DVec3;
 use std::borrow::Cow;
@@ -144,6 +144,32 @@ impl Problem {
         Ok(Judged { scene, pictures, gains, value, views, assumptions })
     }
 
+    /// The unknowns with all emission scaled by one factor per channel, that which explains pictures of known exposure best. Pictures are
+    /// linear in emission, so that one rendering tells it.
+    ///
+    /// # Errors
+    /// Fails if the pictures cannot be rendered, or if the scene has no solution.
+    pub fn scaled_emission(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Vec<f64>, RenderError> {
+        let mut scaled = x.to_vec();
+        if self.targets.iter().any(|target| target.exposure.is_fitted()) {
+            // The gains take the factor.
+            return Ok(scaled);
+        }
+        let pictures = renderer.pictures(&self.parameters.scene(x))?;
+        let shared = Exposure { gain: true, white_balance: true, shared: Some(0) };
+        let targets: Vec<Target> = self.targets.iter().map(|target| target.clone().exposed(shared)).collect();
+        let gains = exposure::gains(&targets, &pictures, &*self.loss);
+        let factor = gains.and_then(|gains| gains.first().copied());
+        if let Some(factor) = factor.filter(|factor| factor.is_finite() && factor.min_element() > 0.0) {
+            let emission = self.parameters.unknowns_of(Quantity::Emission);
+            for (k, unknown) in emission.into_iter().enumerate() {
+                scaled[unknown] *= factor[k % 3];
+            }
+            self.parameters.bounds().project(&mut scaled);
+        }
+        Ok(scaled)
+    }
+
     /// The gradient of the pictures' loss by central differences: two renderings per unknown.
     fn differences(
         &self,
@@ -217,7 +243,8 @@ impl Problem {
     }
 
     /// The diagonal of the Gauss-Newton Hessian of the pictures, with the light that arrives at surfaces held fixed: most of it
-    /// where each unknown is the albedo or emission of few triangles, or of a camera. It takes no solve beside that at the point itself.
+    /// where each unknown is the albedo or emission of few triangles, or of a camera. That of cameras, and of lamps
+    /// if these are few, takes a picture per view for each; the rest takes no solve beside that at the point itself.
     /// `None` if the loss is not quadratic, something else is unknown, or the renderer does not know.
     ///
     /// # Errors
@@ -238,9 +265,8 @@ impl Problem {
         let squares =
             renderer.own_squares(&by_radiance).and_then(|squares| self.parameters.own_squares(&squares));
         let Some(mut squares) = squares else { return Ok(None) };
-        for column in self.parameters.columns().iter().filter(|column| column.iter().all(Shown::is_of_views))
-        {
-            let Some(slopes) = self.slopes(x, column, &here, renderer)? else { return Ok(None) };
+        for column in self.parameters.far_reaching_columns() {
+            let Some(slopes) = self.slopes(x, &column, &here, renderer)? else { return Ok(None) };
             for (unknown, slopes) in slopes {
                 squares[unknown] = product(&weighted(&slopes, &weights), &slopes);
             }

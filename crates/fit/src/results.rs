@@ -53,7 +53,7 @@ pub struct Circumstances {
 /// # Errors
 /// Fails if a file cannot be written.
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
-    outcome.scene.save(&directory.join(SCENE))?;
+    let textures = outcome.scene.save(&directory.join(SCENE))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;
     write_arrays(directory, job.problem().parameters.gradient_request(), outcome)?;
     write_history(directory, &outcome.history)?;
@@ -63,7 +63,7 @@ pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstanc
         let picture = Picture { width: target.camera.width, height: target.camera.height, pixels };
         picture.write_exr(directory.join(format!("{name}.exr")))?;
     }
-    write_json(&directory.join(REPORT), &report(job, outcome, about, &names))?;
+    write_json(&directory.join(REPORT), &report(job, outcome, about, &names, &textures))?;
     Ok(())
 }
 
@@ -157,7 +157,13 @@ struct View<'a> {
     gain: Option<[f64; 3]>,
 }
 
-fn report(job: &Job, outcome: &Outcome, about: &Circumstances, names: &[String]) -> Value {
+fn report(
+    job: &Job,
+    outcome: &Outcome,
+    about: &Circumstances,
+    names: &[String],
+    textures: &[String],
+) -> Value {
     let (problem, settings) = (job.problem(), job.settings());
     let first = outcome.history.first().map_or(f64::NAN, |r| r.loss);
     let iterations = outcome.history.last().map_or(0, |r| r.iteration);
@@ -205,6 +211,7 @@ fn report(job: &Job, outcome: &Outcome, about: &Circumstances, names: &[String])
         "loss": { "start": first, "end": outcome.loss, "fell_by_factor": first / outcome.loss },
         "picture_error": picture_error(&problem.targets, &exposed),
         "views": views,
+        "textures": textures,
         "assumptions": assumptions,
         "at_bound": outcome.recovered.iter().filter(|r| r.at_bound.contains(&true)).count(),
         "evaluations": evaluations,

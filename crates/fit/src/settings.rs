@@ -64,6 +64,8 @@ pub struct Settings {
     pub threshold: Option<f64>,
     /// Regularisers.
     pub regularisers: Vec<Regulariser>,
+    /// Whether all emission that is fitted is first scaled, by one factor per channel, to what explains the pictures best.
+    pub scale_emission: bool,
     /// Which optimiser to use.
     pub optimiser: OptimiserKind,
     /// Options of the quasi-Newton method.
@@ -91,6 +93,7 @@ setters!(Settings {
     epsilon: Option<f64>,
     threshold: Option<f64>,
     regularisers: Vec<Regulariser>,
+    scale_emission: bool,
     optimiser: OptimiserKind,
     quasi_newton: QuasiNewtonOptions,
     gauss_newton: usize,
@@ -110,6 +113,7 @@ impl Settings {
             epsilon: None,
             threshold: None,
             regularisers: Vec::new(),
+            scale_emission: false,
             optimiser: OptimiserKind::default(),
             quasi_newton: QuasiNewtonOptions::default(),
             gauss_newton: 16,

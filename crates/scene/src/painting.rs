@@ -200,9 +200,15 @@ mod tests {
         for t in 0..2 {
             for b in [DVec3::new(0.2, 0.3, 0.5), DVec3::new(0.6, 0.1, 0.3), DVec3::splat(1.0 / 3.0)] {
                 let albedo = |scene: &Scene| {
-                    scene.patterns.at(t, b).expect("a pattern").value[0] * DVec3::from(scene.material(t).albedo)
+                    scene.patterns.at(t, b).expect("a pattern").value[0]
+                        * DVec3::from(scene.material(t).albedo)
                 };
-                assert!(albedo(&read).abs_diff_eq(albedo(&scene), 1e-4), "{} {}", albedo(&read), albedo(&scene));
+                assert!(
+                    albedo(&read).abs_diff_eq(albedo(&scene), 1e-4),
+                    "{} {}",
+                    albedo(&read),
+                    albedo(&scene)
+                );
             }
         }
     }

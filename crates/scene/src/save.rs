@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::texture::Texture;
 use super::{
-    BinLayout, Choice, Lamps, Material, Normalization, Patterns, Scene, SolveSettings, SolverChoice, Sun, Transport,
-    VisibilityChoice,
+    BinLayout, Choice, Lamps, Material, Normalization, Patterns, Scene, SolveSettings, SolverChoice, Sun,
+    Transport, VisibilityChoice,
 };
 use antirad_base::output::{OutputError, atomic_write};
 
@@ -102,9 +102,11 @@ impl Scene {
     /// The formats impose two changes. Characters of a material name that MTL would misread (a line break, a `#` after a
     /// blank) become `_`. Meshes that share vertices get copies of their own.
     ///
+    /// Returns the names of the textures' files.
+    ///
     /// # Errors
     /// Fails if a file cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), OutputError> {
+    pub fn save(&self, path: &Path) -> Result<Vec<String>, OutputError> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let stem = readable(&stem);
         let names = self.readable_names();
@@ -126,7 +128,8 @@ impl Scene {
         }
         atomic_write(&path.with_file_name(&mtl), |file| self.write_mtl(file, &names, &textures))?;
         let text = self.toml(tables, &names);
-        atomic_write(path, |file| file.write_all(text.map_err(Error::other)?.as_bytes()))
+        atomic_write(path, |file| file.write_all(text.map_err(Error::other)?.as_bytes()))?;
+        Ok(textures.into_iter().map(|texture| texture.file).collect())
     }
 
     /// Per mesh, the vertices to write: consecutive runs that cover all vertices if the meshes use them in order, else those
@@ -192,7 +195,8 @@ impl Scene {
         let (mut current, mut coordinates) = (None, 0);
         for t in range {
             let triangle = &self.triangles[t as usize];
-            let texture = textures.iter().find_map(|texture| Some((texture, texture.uvs(&self.patterns, t)?)));
+            let texture =
+                textures.iter().find_map(|texture| Some((texture, texture.uvs(&self.patterns, t)?)));
             let name = texture.map_or(&names[triangle.material as usize], |(texture, _)| &texture.material);
             if current != Some(name) {
                 writeln!(file, "usemtl {name}")?;
@@ -216,13 +220,15 @@ impl Scene {
 
     fn write_mtl(&self, file: &mut File, names: &[String], textures: &[SavedTexture]) -> Result<(), Error> {
         let mut file = BufWriter::new(file);
-        let write = |file: &mut BufWriter<&mut File>, name: &String, material: &Material, albedo: [f64; 3]| {
-            writeln!(file, "newmtl {name}")?;
-            for (key, [r, g, b]) in [("Kd", albedo), ("Ks", material.specular), ("Ke", material.emission)] {
-                writeln!(file, "{key} {r:?} {g:?} {b:?}")?;
-            }
-            writeln!(file, "Ns {:?}", material.power)
-        };
+        let write =
+            |file: &mut BufWriter<&mut File>, name: &String, material: &Material, albedo: [f64; 3]| {
+                writeln!(file, "newmtl {name}")?;
+                for (key, [r, g, b]) in [("Kd", albedo), ("Ks", material.specular), ("Ke", material.emission)]
+                {
+                    writeln!(file, "{key} {r:?} {g:?} {b:?}")?;
+                }
+                writeln!(file, "Ns {:?}", material.power)
+            };
         for (material, name) in self.materials.iter().zip(names) {
             write(&mut file, name, material, material.albedo)?;
         }

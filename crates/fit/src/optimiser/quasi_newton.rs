@@ -47,6 +47,8 @@ pub struct QuasiNewton {
     memory: Memory,
     /// Whether the model is to start anew from a Hessian.
     stale: bool,
+    /// Whether the diagonal is all that can be had of Hessians: steps soon show more.
+    by_diagonal: bool,
 }
 
 impl QuasiNewton {
@@ -54,7 +56,7 @@ impl QuasiNewton {
     pub fn new(mut x: Vec<f64>, bounds: Bounds, options: QuasiNewtonOptions) -> Self {
         bounds.project(&mut x);
         let memory = Memory::new(x.len());
-        Self { options, bounds, start: x, point: None, memory, stale: true }
+        Self { options, bounds, start: x, point: None, memory, stale: true, by_diagonal: false }
     }
 
     /// The current unknowns.
@@ -97,10 +99,11 @@ impl QuasiNewton {
             }
         };
         let mut memory = self.memory.clone();
-        let given = match self.stale {
+        let given = match self.stale && !(self.by_diagonal && !memory.is_blank()) {
             true => hessian(&here.x).map_err(StepError::Objective)?,
             false => None,
         };
+        self.by_diagonal |= matches!(given, Some(KnownHessian::Diagonal(_)));
         let seeded = match given {
             Some(KnownHessian::Whole(hessian)) => Memory::of_hessian(&hessian, &here.gradient, LONGEST),
             // Later, what the steps have shown is better.

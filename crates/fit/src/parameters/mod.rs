@@ -27,7 +27,7 @@ use antirad_render::render::Quantity;
 use antirad_scene::{Material, Painting, Scene, bounds};
 use glam::DVec3;
 use pose::Pose;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// A [`Fit`] is invalid for the scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -119,6 +119,9 @@ pub struct Parameters {
     fit_of: HashMap<(Quantity, u32), usize>,
     request: GradientRequest,
 }
+
+/// Most groups of emission whose curvature is found by a picture for each.
+const MOST_LAMPS: usize = 16;
 
 /// The largest power that the scene's check accepts.
 const CHECKED_POWER: f64 = 1e5;
@@ -468,6 +471,22 @@ impl Parameters {
         }
         of_cameras.extend(columns);
         of_cameras
+    }
+
+    /// Columns of unknowns that change more than the triangles they belong to: cameras, and the emission of groups of triangles if there are
+    /// at most [`MOST_LAMPS`].
+    pub(super) fn far_reaching_columns(&self) -> Vec<Vec<Shown>> {
+        let lamps: HashSet<usize> = self
+            .blocks
+            .iter()
+            .filter(|block| matches!(block.what, What::Material { quantity: Quantity::Emission, .. }))
+            .map(|block| block.first)
+            .collect();
+        let few = lamps.len() <= MOST_LAMPS;
+        let is_lamp = |column: &[Shown]| column.first().is_some_and(|shown| lamps.contains(&shown.unknown));
+        let mut columns = self.columns();
+        columns.retain(|column| column.iter().all(Shown::is_of_views) || few && is_lamp(column));
+        columns
     }
 
     /// The step of a finite difference for each unknown: `usual`, or what moves the picture of a camera by half a pixel, since edges pass
