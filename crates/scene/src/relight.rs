@@ -220,7 +220,7 @@ impl Scene {
             true => format!(
                 "{what}; nothing in the scene emits: give a material an emission, or add a sky or a sun"
             ),
-            false => format!("{what}{near}; these emit: {}", quoted(names())),
+            false => format!("{what}; these emit: {}{near}", quoted(names())),
         }
     }
 
