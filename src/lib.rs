@@ -61,10 +61,10 @@ pub use glam;
 pub mod scene {
     #[doc(inline)]
     pub use antirad_scene::{
-        BinLayout, Camera, CameraSet, Choice, Distortion, Focal, Frame, Intrinsics, Lamps, Lens, LoadOptions,
-        Material, Mesh, Movable, Normalization, Orient, Origin, Patterns, Precision, Projection, Scene,
-        SceneBuilder, SceneError, Shape, Similarity, Sky, SolveSettings, SolverChoice, Sun, TextureRefined,
-        Transport, Triangle, VisibilityChoice,
+        BinLayout, Camera, CameraSet, Choice, Distortion, Focal, Frame, Intrinsics, LampFactor, Lamps, Lens,
+        LoadOptions, Material, Mesh, Movable, Normalization, Orient, Origin, Patterns, Precision, Projection,
+        Scene, SceneBuilder, SceneError, Shape, Similarity, Sky, SolveSettings, SolverChoice, Sun,
+        TextureRefined, Transport, Triangle, VisibilityChoice,
     };
 }
 

@@ -103,6 +103,12 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     let (peak, planned) = (&report["run"]["memory"]["peak"], &report["estimate"]["device_bytes"]);
     assert!(peak.as_u64() <= planned.as_u64(), "{peak} of the planned {planned}");
 
+    assert!(
+        String::from_utf8(folder.read("fits/job/relight.toml")).expect("text").ends_with("\nlamp = 1.0\n")
+    );
+    let relit = "render fits/job/scene.toml --relight fits/job/relight.toml --camera side --output relit";
+    says(&folder.run(relit).succeeded().stdout, &["relit       lamp x 1"]);
+
     let compared = folder.run("compare room.toml fits/job/scene.toml").succeeded().stdout;
     says(&compared, &["albedo of wall", "0.7000 0.5000 0.3000", "emission of lamp", "power on true lamps"]);
     assert!(!compared.contains("albedo of lamp") && !compared.contains("vertices"), "{compared}");

@@ -43,6 +43,34 @@ fn views_of_photographs_are_rendered() {
     assert!(!folder.results().contains(&"main.exr".to_owned()));
 }
 
+/// Light is linear: twice the lamp is twice the picture.
+#[test]
+fn lamps_are_changed_by_name() {
+    let folder = Folder::with(&[("half.toml", "lamp = [0.5, 0.5, 0]\n"), ("wrong.toml", "\nlam = 1\n")]);
+    let render =
+        |arguments: &str| folder.render(&format!("room.toml --backend cpu --camera side {arguments}"));
+    render("--lamp lmp=0").refused(&["lamp \"lmp\"", "did you mean \"lamp\"?", "these emit: \"lamp\""]);
+    render("--lamp wall=0").refused(&["lamp \"wall\"", "does not emit"]);
+    render("--relight wrong.toml").refused(&["wrong.toml:2", "lamp \"lam\""]);
+    let usage = |arguments: &str, part: &str| says(&render(arguments).stderr, &[part]);
+    usage("--lamp lamp=-1", "0 or more");
+    usage("--lamp lamp", "NAME=FACTOR");
+    usage("--lamp lamp=1,2", "R,G,B");
+    render("").succeeded();
+    let plain = picture(&folder, "out/side.exr");
+    let run = render("--relight half.toml --lamp lamp=4").succeeded();
+    says(&run.stdout, &["relit       lamp x 0.5,0.5,0, lamp x 4"]);
+    assert_eq!(folder.json("out/report.json")["lamps"][1]["factor"][0], 4.0);
+    let relit = picture(&folder, "out/side.exr");
+    for (relit, plain) in relit.pixels.iter().zip(&plain.pixels) {
+        assert!((relit[0] - 2.0 * plain[0]).abs() <= 1e-3 * plain[0], "{relit:?} {plain:?}");
+        assert_eq!(relit[2], 0.0);
+    }
+    let run = render("--lamp lamp=0").succeeded();
+    says(&run.stderr, &["the picture will be black"]);
+    says(&run.stdout, &["nothing emits: the picture is black"]);
+}
+
 /// The rows of an array [n, 3].
 fn rows(folder: &Folder, name: &str) -> Vec<[f32; 3]> {
     let bytes = folder.read(name);

@@ -412,6 +412,7 @@ fn results_are_files_that_are_the_same_every_time() {
         "loss.png",
         "loss.svg",
         "parameters.json",
+        "relight.toml",
         "report.json",
         "scene.mtl",
         "scene.toml",

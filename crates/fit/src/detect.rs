@@ -23,8 +23,11 @@ pub struct Candidate {
 
 /// Where nothing clips, what is so many times as bright as the median of its picture is bright.
 const BRIGHT: f64 = 10.0;
+/// The same for bright triangles of a larger part that is not: most often a lamp lights them.
+const BRIGHT_SPOT: f64 = 50.0;
 /// Share of the pixels of a triangle that must be bright, over all pictures: the brightest walls are, in some of them.
 const OFTEN: f64 = 0.7;
+const OFTEN_OF_SPOT: f64 = 0.95;
 /// Share of a connected part that must be bright for all of it to be a candidate, with what pictures do not show of it.
 const MOST: f64 = 0.4;
 /// Fewest pixels that show a candidate.
@@ -39,13 +42,14 @@ const TOUCH: f64 = 1e-5;
 struct Seen {
     pixels: u32,
     bright: u32,
+    spot: u32,
 }
 
 /// Parts of a scene that may be lamps, those that pictures show first, each in the order of their triangles.
 ///
 /// A triangle counts as bright if most pixels that show it are clipped ([`Target::clip`]) or, where nothing clips, ten times as bright as
 /// the median of their picture. Bright triangles that touch are a candidate, with all of their connected part of the mesh if most of what
-/// is seen of it is bright.
+/// is seen of it is bright; otherwise they must be five times as bright, as a lamp nearby often lights such spots.
 pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
     let rays = Rays::new(scene);
     let seen = targets.par_iter().map(|target| look(scene, &rays, target)).reduce(
@@ -54,13 +58,18 @@ pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
             for (to, more) in all.iter_mut().zip(more) {
                 to.pixels += more.pixels;
                 to.bright += more.bright;
+                to.spot += more.spot;
             }
             all
         },
     );
     let is_bright = |t: u32| {
-        let Seen { pixels, bright } = seen[t as usize];
+        let Seen { pixels, bright, .. } = seen[t as usize];
         pixels > 0 && f64::from(bright) >= OFTEN * f64::from(pixels)
+    };
+    let is_spot = |t: u32| {
+        let Seen { pixels, spot, .. } = seen[t as usize];
+        pixels > 0 && f64::from(spot) >= OFTEN_OF_SPOT * f64::from(pixels)
     };
     let size =
         |triangles: &[u32]| triangles.iter().map(|&t| scene.area_vector(t as usize).length()).sum::<f64>();
@@ -73,7 +82,7 @@ pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
         } else if size(&bright) >= MOST * size(&shown) && size(&bright) > 0.0 {
             found.push(part);
         } else {
-            let bright: HashSet<u32> = bright.into_iter().collect();
+            let bright: HashSet<u32> = shown.into_iter().filter(|&t| is_spot(t)).collect();
             found.extend(parts(scene, |t| bright.contains(&t)));
         }
     }
@@ -99,7 +108,10 @@ pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
 fn look(scene: &Scene, rays: &Rays, target: &Target) -> Vec<Seen> {
     let camera = &target.camera;
     let view = View::new(camera);
-    let limit = target.clip.unwrap_or_else(|| BRIGHT * median(target));
+    let [limit, limit_of_spot] = match target.clip {
+        Some(clip) => [clip; 2],
+        None => [BRIGHT, BRIGHT_SPOT].map(|factor| factor * median(target)),
+    };
     let mut seen = vec![Seen::default(); scene.triangles.len()];
     let width = camera.width as usize;
     for (at, pixel) in target.pixels.iter().enumerate().filter(|(at, _)| target.mask_at(*at) > 0.0) {
@@ -107,6 +119,7 @@ fn look(scene: &Scene, rays: &Rays, target: &Target) -> Vec<Seen> {
         if let Some((triangle, _)) = rays.nearest(camera.position, ray, None) {
             seen[triangle].pixels += 1;
             seen[triangle].bright += u32::from(pixel.max_element() >= limit);
+            seen[triangle].spot += u32::from(pixel.max_element() >= limit_of_spot);
         }
     }
     seen

@@ -111,6 +111,11 @@ const DECREASE_OVER_ADAM: usize = 50;
 /// How many times the decrease that the model promises must be small for a fit to end after one small decrease.
 const PROMISED: f64 = 10.0;
 
+/// Of the stage before textures: pictures of a Gauss-Newton Hessian, and when it ends.
+const COARSE_PICTURES: usize = 40;
+const COARSE_ITERATIONS: u32 = 12;
+const COARSE_DECREASE: f64 = 3e-3;
+
 /// Why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -446,6 +451,54 @@ impl Job {
         }
     }
 
+    /// Where a fit of textures starts: with one albedo for each, and everything else, fitted before. Texels of a mesh and its lamps act on
+    /// pictures together, which an optimiser of many unknowns learns slowly.
+    fn coarse_start(
+        &mut self,
+        x: &[f64],
+        renderer: &mut dyn Renderer,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<Vec<f64>, FitError> {
+        tracing::info!("first with one albedo for each texture");
+        let coarse = self.problem.parameters.without_textures(x)?;
+        let fine = std::mem::replace(&mut self.problem.parameters, coarse);
+        let regularisers = std::mem::take(&mut self.problem.regularisers);
+        let settings = self.settings.clone().gauss_newton(self.settings.gauss_newton.max(COARSE_PICTURES));
+        let settings = std::mem::replace(&mut self.settings, settings);
+        let found = self.coarse(renderer, watch);
+        (self.problem.parameters, self.problem.regularisers, self.settings) = (fine, regularisers, settings);
+        Ok(self.problem.parameters.unknowns_at(&found?))
+    }
+
+    /// The scene that the parameters reach in a few steps.
+    fn coarse(
+        &self,
+        renderer: &mut dyn Renderer,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<Scene, FitError> {
+        let rule = StopRule::default().iterations(COARSE_ITERATIONS).relative_decrease(COARSE_DECREASE);
+        let mut progress = FitProgress::new(self.new_optimiser());
+        while progress.stop(&rule).is_none() {
+            let stepped = match progress.history.is_empty() {
+                true => start(&self.problem, &mut progress, renderer).map(|record| (record, true)),
+                false => step(&self.problem, &self.settings, &mut progress, renderer),
+            };
+            let (record, advanced) = stepped.map_err(|error| match error {
+                StepError::Objective(RenderError::Interrupted) => FitError::Interrupted { iteration: 0 },
+                StepError::Objective(error) => error.into(),
+                error => FitError::Optimiser(error.to_string()),
+            })?;
+            if !advanced {
+                break;
+            }
+            progress.history.push(record);
+            if watch(&record, &progress).is_break() {
+                return Err(FitError::Interrupted { iteration: 0 });
+            }
+        }
+        Ok(self.problem.parameters.scene(progress.optimiser.best()))
+    }
+
     /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. A job that was
     /// interrupted or killed, or that failed, goes on with [`OnCheckpoint::Resume`] and reaches the same result.
     ///
@@ -478,6 +531,10 @@ impl Job {
                 RenderError::Interrupted => FitError::Interrupted { iteration: 0 },
                 error => error.into(),
             })?;
+            progress = FitProgress::new(self.optimiser_from(x));
+        }
+        if resumed_from.is_none() && self.problem.parameters.has_textures() {
+            let x = self.coarse_start(progress.optimiser.best(), renderer, watch)?;
             progress = FitProgress::new(self.optimiser_from(x));
         }
         let mut clock = Instant::now();

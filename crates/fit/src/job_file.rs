@@ -145,7 +145,9 @@ impl JobFile {
     /// mask = "mask.png"              # white counts, black does not
     /// weight = 1
     /// white = 1                      # radiance of white in integer formats, W/(m² sr)
-    /// clipped = "ignore"             # pixels at the end of an integer format; or "use"
+    /// exposure = "known"             # or "fit", "fit-shared": a factor of each picture, or of all of this table
+    /// white_balance = "known"        # the same of red and blue; photos of sets without `white` fit both unless either is stated
+    /// clipped = "ignore"             # pixels at the end of an integer format; or "use", "bound" (where exposures are fitted)
     /// layer = "ViewLayer.Combined"   # of an EXR with several
     ///
     /// [[target]]                     # one for each frame of a set of photographs
@@ -161,10 +163,15 @@ impl JobFile {
     /// parameter = "albedo"           # or "emission", "diffuse", "specular", "power", "position", "camera"
     /// materials = ["red", "green"]   # default: all
     /// meshes = ["walls"]             # default: all; if both are given, triangles with both
-    /// per = "material"               # or "mesh", "triangle"
+    /// per = "material"               # or "mesh", "triangle", "texel": a texture for each mesh
+    /// # resolution = 64              # of textures, columns and rows
     /// initial = 0.5                  # one number or RGB, as lower and upper; default: the scene's
     /// lower = 0
     /// upper = 0.95
+    ///
+    /// [[fit]]
+    /// parameter = "emission"
+    /// detect = true                  # of what pictures show bright, and of what none shows
     ///
     /// [[fit]]
     /// parameter = "position"
@@ -184,8 +191,9 @@ impl JobFile {
     /// max_rotation_degrees = 5
     ///
     /// [loss]
-    /// kind = "l2"                    # or "l1", "relative-l2", "log-l1"
-    /// epsilon = 0.01                 # for the last two, W/(m² sr)
+    /// kind = "l2"                    # or "l1", "relative-l2", "log-l1", "huber"; the last is the default for sets
+    /// epsilon = 0.01                 # for the last three, W/(m² sr)
+    /// # threshold = 0.3              # for "huber": relative difference from which on pixels are outliers
     ///
     /// [[regulariser]]
     /// kind = "smoothness"            # or "prior" (with value), "sparsity", "laplacian"

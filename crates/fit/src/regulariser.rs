@@ -67,7 +67,7 @@ impl Regulariser {
 }
 
 /// Regularisers of a scene, ready for evaluation.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Regularisers {
     terms: Vec<Term>,
 }

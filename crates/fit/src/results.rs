@@ -17,6 +17,8 @@ use std::slice::from_ref;
 
 /// Name of the fitted scene's files.
 const SCENE: &str = "scene.toml";
+/// Factors of its lamps.
+const LAMPS: &str = "relight.toml";
 /// Written last: if it exists, so do all others.
 pub const REPORT: &str = "report.json";
 
@@ -41,6 +43,8 @@ pub struct Circumstances {
 /// are the same, byte for byte, for the same job.
 ///
 /// - `scene.toml` with OBJ and MTL: the fitted scene, for [`Scene::load`](antirad_scene::Scene::load).
+/// - `relight.toml`: a factor of 1 for each of its lamps, for `antirad render scene.toml --relight relight.toml` and
+///   [`LampFactor::read`](antirad_scene::LampFactor::read).
 /// - `parameters.json`: every fitted value with its initial value, unit, and whether it is at a bound.
 /// - `emission.npy`, `albedo.npy` … float64 of shape `[triangles, 3]` (δ and p: `[triangles]`), `vertices.npy`
 ///   `[vertices, 3]`: the fitted quantities, in scene order.
@@ -54,6 +58,7 @@ pub struct Circumstances {
 /// Fails if a file cannot be written.
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
     let textures = outcome.scene.save(&directory.join(SCENE))?;
+    outcome.scene.save_lamps(&directory.join(LAMPS))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;
     write_arrays(directory, job.problem().parameters.gradient_request(), outcome)?;
     write_history(directory, &outcome.history)?;
@@ -211,7 +216,7 @@ fn report(
         "loss": { "start": first, "end": outcome.loss, "fell_by_factor": first / outcome.loss },
         "picture_error": picture_error(&problem.targets, &exposed),
         "views": views,
-        "textures": textures,
+        "textures": textures.iter().map(|file| json!({ "name": file.trim_end_matches(".png"), "file": file })).collect::<Vec<_>>(),
         "assumptions": assumptions,
         "at_bound": outcome.recovered.iter().filter(|r| r.at_bound.contains(&true)).count(),
         "evaluations": evaluations,

@@ -241,7 +241,6 @@ impl Scene {
             .map(|(name, _)| name.to_owned())
             .collect();
         let mut lobes = LobeCache::default();
-        let mut lit = self.suns.iter().any(|sun| sun.irradiance.iter().any(|&h| h > 0.0));
         let mut warnings = Vec::new();
         for (material, used) in self.materials.iter().zip(used) {
             let name = &material.name;
@@ -259,15 +258,26 @@ impl Scene {
                 )),
                 _ => {}
             }
-            lit |= used && material.emission.iter().any(|&e| e > 0.0);
         }
-        if !lit {
-            warnings.push(String::from(
+        warnings.extend(self.darkness());
+        Ok(warnings)
+    }
+
+    /// Warns of a scene in which nothing emits.
+    pub(super) fn warn_if_dark(&mut self) {
+        self.darkness().into_iter().for_each(|warning| self.warn(warning));
+    }
+
+    fn darkness(&self) -> Option<String> {
+        let shines = |light: [f64; 3]| light.iter().any(|&l| l > 0.0);
+        let lit = self.suns.iter().any(|sun| shines(sun.irradiance))
+            || self.triangles.iter().any(|t| shines(self.materials[t.material as usize].emission));
+        (!lit).then(|| {
+            String::from(
                 "No material in use has an emission, so there is no light: the picture will be black. Give one an emission, or add \
                  light from all around: --sky 1, or [sky] or [sun] of a scene file.",
-            ));
-        }
-        Ok(warnings)
+            )
+        })
     }
 }
 

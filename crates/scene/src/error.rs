@@ -201,6 +201,15 @@ pub enum SceneError {
         message: String,
     },
 
+    /// A name stands for no lamp, or its light cannot be changed as stated.
+    #[error("lamp \"{name}\": {message}")]
+    Lamp {
+        /// The name.
+        name: String,
+        /// What is wrong, and the remedy.
+        message: String,
+    },
+
     /// A camera has invalid parameters.
     #[error("camera \"{name}\": {message}")]
     Camera {

@@ -34,6 +34,7 @@ mod point_lights;
 mod rays;
 mod refine;
 mod refine_texture;
+mod relight;
 mod save;
 mod second_side;
 mod settings;
@@ -61,6 +62,7 @@ pub use movable::Movable;
 pub use painting::Painting;
 pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
+pub use relight::LampFactor;
 pub use settings::{
     BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, VisibilityChoice,
 };

@@ -33,22 +33,13 @@ impl Scene {
         let uvs = |&t: &u32| self.patterns.uvs(t as usize).ok_or(t);
         let uvs: Vec<[DVec2; 3]> = triangles.iter().map(uvs).collect::<Result<_, u32>>()?;
         let means: Vec<Vec<(u32, f64)>> = uvs.iter().map(|corners| mean_weights(size, *corners)).collect();
-        let mut sums = vec![(DVec3::ZERO, 0.0); size[0] as usize * size[1] as usize];
-        for (&t, weights) in triangles.iter().zip(&means) {
-            for &(texel, weight) in weights {
-                let (sum, all) = &mut sums[texel as usize];
-                *sum += weight * DVec3::from(self.material(t as usize).albedo);
-                *all += weight;
-            }
-        }
-        let texels = sums.into_iter().map(|(sum, all)| if all > 0.0 { sum / all } else { DVec3::ZERO });
-        let texels: Vec<DVec3> = texels.collect();
         let patterns = Arc::make_mut(&mut self.patterns);
         let maps = patterns.add_maps(Maps::default());
         for (&t, uvs) in triangles.iter().zip(uvs) {
             patterns.set(t as usize, maps, uvs, [DVec3::ONE; 2]);
         }
         let painting = Painting { size, maps, triangles: triangles.to_vec(), means };
+        let texels = painting.texels_of(|t| self.material(t).albedo.into());
         self.set_painting(&painting, texels.clone());
         Ok((painting, texels))
     }
@@ -89,6 +80,20 @@ impl Painting {
     /// Number of texels.
     pub fn texels(&self) -> usize {
         self.size[0] as usize * self.size[1] as usize
+    }
+
+    /// Texels that have the albedo of the triangles which they cover.
+    pub fn texels_of(&self, albedo: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
+        let mut sums = vec![(DVec3::ZERO, 0.0); self.texels()];
+        for (&t, weights) in self.triangles.iter().zip(&self.means) {
+            let albedo = albedo(t as usize);
+            for &(texel, weight) in weights {
+                let (sum, all) = &mut sums[texel as usize];
+                *sum += weight * albedo;
+                *all += weight;
+            }
+        }
+        sums.into_iter().map(|(sum, all)| if all > 0.0 { sum / all } else { DVec3::ZERO }).collect()
     }
 
     /// Whether it covers a triangle of a scene with these patterns.

@@ -161,7 +161,7 @@ impl Scene {
     }
 
     /// Distinct names of materials that an MTL file can represent.
-    fn readable_names(&self) -> Vec<String> {
+    pub(super) fn readable_names(&self) -> Vec<String> {
         let mut taken: HashSet<String> =
             self.materials.iter().map(|m| &m.name).filter(|name| readable(name) == **name).cloned().collect();
         let name = |material: &Material| {

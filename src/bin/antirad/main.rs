@@ -9,6 +9,7 @@ mod devices;
 mod export;
 mod finer;
 mod fit;
+mod lamps;
 mod plan;
 mod refine;
 mod render;

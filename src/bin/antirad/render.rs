@@ -3,7 +3,8 @@
 use crate::Failure;
 use crate::cameras;
 use crate::finer::Finer;
-use crate::report::{DeviceReport, MemoryUse, RankReport, Report, SolveReport};
+use crate::lamps::LampArguments;
+use crate::report::{DeviceReport, LampReport, MemoryUse, RankReport, Report, SolveReport};
 use crate::settings::{SceneSettings, parse_error};
 use crate::together::Together;
 use antirad::backend::Backend;
@@ -33,7 +34,9 @@ use std::time::Instant;
   antirad render bunny.obj --bins concentric:12 --tolerance 1e-3
   antirad render scenes/two_rooms.toml --camera main --target-error 0.05
   antirad render room.toml --cameras photos/transforms.json --camera r_0 --camera r_7
-  antirad render room.toml --cameras photos/colmap")]
+  antirad render room.toml --cameras photos/colmap
+  antirad render room.toml --lamp panel=0 --lamp bulb=2,1.8,1.2
+  antirad render out/fits/room/scene.toml --relight out/fits/room/relight.toml")]
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
@@ -47,6 +50,8 @@ pub struct Arguments {
     /// a COLMAP model. Each is a centred pinhole with the size and the horizontal field of view of its photograph
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
+    #[command(flatten)]
+    relit: LampArguments,
     /// Cut triangles first where others stand on them or pass through them, and where the mesh is too coarse for shadows, as `antirad
     /// refine` does: always, never, or the latter into at most 4000 more where a triangle receives 12 % of the light of lamps, or what
     /// surfaces reflect of it is off by 10 % (auto). Files per triangle have means over those given
@@ -129,6 +134,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let mut stages = Stages::new();
     let mut scene = arguments.settings.load()?;
+    let lamps = arguments.relit.apply(&mut scene)?;
     scene.choice = arguments.target_error.map_or(scene.choice, Choice::Within);
     let cameras: Vec<Camera> = match &arguments.cameras {
         Some(set) => cameras::of_set(set, &arguments.camera)?,
@@ -187,6 +193,7 @@ pub fn run(
         sampling_error: answer.sampling_error,
         refinement,
         given_triangles,
+        lamps: lamps.into_iter().map(LampReport::from).collect(),
         memory: MemoryUse::from(backend.memory()),
         ranks,
         solve: SolveReport::new(answer.info, scene.settings.tolerance),
@@ -459,6 +466,10 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
         antirad::say!(
             "mesh        cut from {given} triangles, at contacts or where too coarse; files per triangle have means over those (--refine=never: as given)"
         );
+    }
+    if !report.lamps.is_empty() {
+        let each: Vec<String> = report.lamps.iter().map(LampReport::to_string).collect();
+        antirad::say!("relit       {}", each.join(", "));
     }
     let lamps = &report.plan.lamps;
     if lamps.emitters > lamps.exact {

@@ -4,6 +4,7 @@ use antirad::backend::{Backend, BackendKind};
 use antirad::gpu::{Bytes, MemoryReport, ProfileRow};
 use antirad::plan::PlanReport;
 use antirad::ranks::RankError;
+use antirad::scene::LampFactor;
 use antirad::solve::SolveInfo;
 use antirad::target_error::Refinement;
 use antirad::warnings::Warning;
@@ -33,6 +34,8 @@ pub struct Report {
     pub refinement: Option<Refinement>,
     /// Number of triangles of the given mesh, if it was cut: where others touch them, or where too coarse for shadows.
     pub given_triangles: Option<usize>,
+    /// Factors by which lamps were changed.
+    pub lamps: Vec<LampReport>,
     pub memory: MemoryUse,
     /// Report of each process that worked on the scene.
     pub ranks: Vec<RankReport>,
@@ -46,6 +49,30 @@ pub struct Report {
     pub reflections_error: BTreeMap<String, f64>,
     pub seconds: BTreeMap<&'static str, f64>,
     pub kernels: Vec<ProfileRow>,
+}
+
+/// A lamp whose light was changed.
+#[derive(Serialize)]
+pub struct LampReport {
+    pub name: String,
+    /// RGB.
+    pub factor: [f64; 3],
+}
+
+impl From<LampFactor> for LampReport {
+    fn from(LampFactor { name, factor, .. }: LampFactor) -> Self {
+        Self { name, factor }
+    }
+}
+
+impl fmt::Display for LampReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, factor: [r, g, b] } = self;
+        match r == g && g == b {
+            true => write!(f, "{name} x {r}"),
+            false => write!(f, "{name} x {r},{g},{b}"),
+        }
+    }
 }
 
 #[derive(Serialize)]

@@ -1,8 +1,10 @@
 //! Albedo textures over the texture coordinates of meshes.
 
 use super::super::selection::Selected;
-use super::{ParameterBlock, ParameterError, Parameters, What};
+use super::{ParameterBlock, ParameterError, Parameters, Per, What, get, to_unknown};
 use antirad_render::render::Quantity;
+use antirad_scene::Scene;
+use glam::DVec3;
 
 /// Columns and rows of a texture unless stated.
 const RESOLUTION: u32 = 64;
@@ -37,5 +39,46 @@ impl Parameters {
             self.paintings.push(painting);
         }
         Ok(())
+    }
+
+    /// Whether textures are fitted.
+    pub fn has_textures(&self) -> bool {
+        !self.paintings.is_empty()
+    }
+
+    /// These parameters at a point, with one albedo for each texture.
+    pub(in super::super) fn without_textures(&self, x: &[f64]) -> Result<Self, ParameterError> {
+        let fit = |fit: &super::Fit| match fit.per {
+            Per::Texel => fit.clone().per(Per::Mesh).resolution(None),
+            _ => fit.clone(),
+        };
+        // What is stated of initial values is in the scene already.
+        let fits: Vec<super::Fit> = self.fits.iter().map(|of| fit(of).initial(None)).collect();
+        Self::new(&self.scene(x), &fits, self.scale(Quantity::Emission))
+    }
+
+    /// The unknowns of these parameters at a scene of [`Self::without_textures`]: texels have the albedo of their triangles.
+    pub(in super::super) fn unknowns_at(&self, scene: &Scene) -> Vec<f64> {
+        let mut x = self.start.clone();
+        for block in &self.blocks {
+            let to = &mut x[block.first..block.first + block.unknowns()];
+            match &block.what {
+                What::Material { quantity, triangles, .. } => {
+                    let Some(&t) = triangles.first() else { continue };
+                    let value = get(scene.material(t as usize), *quantity);
+                    for (to, value) in to.iter_mut().zip(value) {
+                        *to = to_unknown(*quantity, value, block.scale);
+                    }
+                }
+                What::Texture { painting, .. } => {
+                    let painting = &self.paintings[*painting];
+                    let texels = painting.texels_of(|t| DVec3::from(scene.material(t).albedo));
+                    to.iter_mut().zip(texels.iter().flat_map(|t| t.to_array())).for_each(|(to, v)| *to = v);
+                }
+                What::Camera { .. } | What::Motion { .. } | What::Vertex { .. } => {}
+            }
+        }
+        self.bounds.project(&mut x);
+        x
     }
 }

@@ -19,8 +19,12 @@ const SCRIPT: &str = include_str!("page.js");
 const WIDTH: u32 = 360;
 /// Quality of JPEG, of 100.
 const QUALITY: u8 = 80;
-/// Views and values shown of a job; the rest is in its folder.
+/// Width of a texture, pixels.
+const TEXTURE: u32 = 120;
+/// Views, textures, lamps and other values shown of a job; the rest is in its folder.
 const VIEWS: usize = 4;
+const TEXTURES: usize = 6;
+const LAMPS: usize = 6;
 const VALUES: usize = 6;
 /// A curve, pixels.
 const CURVE: (f64, f64) = (160.0, 48.0);
@@ -37,16 +41,20 @@ pub struct Page {
 #[derive(Clone, Default)]
 struct Details {
     curve: Vec<f64>,
+    lamps: Vec<String>,
     values: Vec<String>,
     more_values: usize,
-    views: Vec<View>,
+    views: Vec<Thumbnail>,
+    textures: Vec<Thumbnail>,
 }
 
+/// A small picture within the page, which leads to the file.
 #[derive(Clone)]
-struct View {
-    name: String,
-    /// A picture within the page.
-    thumbnail: String,
+struct Thumbnail {
+    file: String,
+    caption: String,
+    /// The picture as a part of the page.
+    data: String,
     width: u32,
     height: u32,
 }
@@ -93,28 +101,58 @@ impl Details {
         };
         let recovered = json("parameters.json");
         let recovered = recovered.as_ref().and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
-        let report = json(results::REPORT);
-        let views = report.as_ref().and_then(|report| report["views"].as_array());
-        let names = views.into_iter().flatten().filter_map(|view| view["name"].as_str());
+        let (emission, others): (Vec<&Value>, Vec<&Value>) =
+            recovered.iter().partition(|recovered| recovered["quantity"] == "emission");
+        let report = json(results::REPORT).unwrap_or_default();
+        let list = |key: &str| report[key].as_array().map_or(&[][..], Vec::as_slice);
+        let view = |view: &Value| {
+            let name = view["name"].as_str()?;
+            Thumbnail::read(folder, &format!("{name}.png"), format!("{name}{}", gain(view)), WIDTH)
+        };
+        let texture = |texture: &Value| {
+            let caption = texture["name"].as_str().unwrap_or_default().to_owned();
+            Thumbnail::read(folder, texture["file"].as_str()?, caption, TEXTURE)
+        };
+        let lamps = brightest(&emission);
         Self {
             curve: curve(folder),
-            values: recovered.iter().take(VALUES).map(value).collect(),
-            more_values: recovered.len().saturating_sub(VALUES),
-            views: names.take(VIEWS).filter_map(|name| View::read(folder, name)).collect(),
+            values: others.iter().take(VALUES).map(|recovered| value(recovered)).collect(),
+            more_values: recovered.len() - lamps.len() - others.len().min(VALUES),
+            lamps,
+            views: list("views").iter().take(VIEWS).filter_map(view).collect(),
+            textures: list("textures").iter().take(TEXTURES).filter_map(texture).collect(),
         }
     }
 }
 
-impl View {
-    fn read(folder: &Path, name: &str) -> Option<Self> {
-        let sheet = image::open(folder.join(format!("{name}.png"))).ok()?.to_rgb8();
-        let height = (sheet.height() * WIDTH).div_ceil(sheet.width());
-        let small = image::imageops::thumbnail(&sheet, WIDTH, height);
+impl Thumbnail {
+    fn read(folder: &Path, file: &str, caption: String, width: u32) -> Option<Self> {
+        let picture = image::open(folder.join(file)).ok()?.to_rgb8();
+        let height = (picture.height() * width).div_ceil(picture.width());
+        let small = image::imageops::thumbnail(&picture, width, height);
         let mut bytes = Cursor::new(Vec::new());
         image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, QUALITY).encode_image(&small).ok()?;
-        let thumbnail = format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(bytes.into_inner()));
-        Some(Self { name: name.to_owned(), thumbnail, width: WIDTH, height })
+        let data = format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(bytes.into_inner()));
+        Some(Self { file: file.to_owned(), caption, data, width, height })
     }
+}
+
+/// Of the emissions found those that shine most.
+fn brightest(emission: &[&Value]) -> Vec<String> {
+    let brightness = |found: &Value| {
+        found["value"].as_array().into_iter().flatten().filter_map(Value::as_f64).sum::<f64>()
+    };
+    let mut lit: Vec<(f64, &Value)> =
+        emission.iter().map(|found| (brightness(found), *found)).filter(|(sum, _)| *sum > 0.0).collect();
+    lit.sort_by(|a, b| b.0.total_cmp(&a.0));
+    lit.iter().take(LAMPS).map(|(_, found)| value(found)).collect()
+}
+
+/// ", exposure 1.2000 1.1000 0.9000" of a view for which it was found.
+fn gain(view: &Value) -> String {
+    let numbers = view["gain"].as_array().into_iter().flatten().filter_map(Value::as_f64);
+    let numbers: Vec<String> = numbers.map(|number| format!("{number:.4}")).collect();
+    if numbers.is_empty() { String::new() } else { format!(", exposure {}", numbers.join(" ")) }
 }
 
 /// The loss of each iteration.
@@ -211,16 +249,22 @@ fn row(folder: &Path, status: &Status, details: &Details) -> Markup {
                 @if let Some(seconds) = status.seconds { (format!("{seconds:.1} s")) }
             }
             td {
+                @if !details.lamps.is_empty() {
+                    "lamps"
+                    ul { @for lamp in &details.lamps { li { (lamp) } } }
+                }
                 ul { @for value in &details.values { li { (value) } } }
                 @if details.more_values > 0 {
                     a href=(link("parameters.json")) { "and " (details.more_values) " more" }
                 }
             }
             td.pictures {
-                @for view in &details.views {
-                    a href=(link(&format!("{}.png", view.name))) {
-                        img src=(view.thumbnail) width=(view.width) height=(view.height) loading="lazy"
-                            alt={ (view.name) ": target, fitted picture and error" };
+                @for (pictures, what) in [(&details.views, "target, fitted picture and error"), (&details.textures, "texture")] {
+                    @for Thumbnail { file, caption, data, width, height } in pictures {
+                        a href=(link(file)) {
+                            img src=(data) width=(width) height=(height) loading="lazy" alt={ (caption) ": " (what) };
+                            (caption)
+                        }
                     }
                 }
             }
@@ -301,6 +345,34 @@ mod tests {
         assert!(text.contains("points=\"2.0,2.0 54.0,16.7 158.0,46.0\""), "{text}");
         assert!(drawn(&[]).into_string().is_empty() && drawn(&[0.0, f64::NAN]).into_string().is_empty());
         assert!(drawn(&[1.0]).into_string().contains("2.0,2.0"));
+    }
+
+    #[test]
+    fn lamps_exposures_and_textures() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let found = |of: &str, value: f64| serde_json::json!({ "quantity": "emission", "of": of, "unit": "W/(m² sr)", "value": [value, value, value] });
+        let albedo = serde_json::json!({ "quantity": "albedo", "of": "wall", "unit": "1", "value": [0.5] });
+        let parameters =
+            serde_json::json!([found("dim", 1.0), albedo, found("off", 0.0), found("bright", 9.0)]);
+        let report = serde_json::json!({
+            "views": [{ "name": "a", "gain": [1.5, 1.0, 0.5] }, { "name": "b" }],
+            "textures": [{ "name": "<wall>", "file": "texture 1.png" }, { "name": "lost", "file": "lost.png" }],
+        });
+        for (name, json) in [("parameters.json", &parameters), (results::REPORT, &report)] {
+            std::fs::write(folder.path().join(name), json.to_string()).expect("written");
+        }
+        for name in ["a.png", "b.png", "texture 1.png"] {
+            image::RgbImage::new(30, 10).save(folder.path().join(name)).expect("written");
+        }
+        let details = Details::read(folder.path());
+        let starts: Vec<_> = details.lamps.iter().map(|lamp| lamp.split(':').next()).collect();
+        assert_eq!(starts, [Some("emission of bright"), Some("emission of dim")]);
+        assert_eq!((details.values.len(), details.more_values), (1, 1));
+        let captions: Vec<_> = details.views.iter().map(|view| view.caption.as_str()).collect();
+        assert_eq!(captions, ["a, exposure 1.5000 1.0000 0.5000", "b"]);
+        assert_eq!(details.textures.iter().map(|t| (t.width, t.height)).collect::<Vec<_>>(), [(120, 40)]);
+        let text = row(Path::new("out/j"), &Status::new("j", State::Finished), &details).into_string();
+        assert!(text.contains("j/texture%201.png") && text.contains("&lt;wall&gt;: texture"), "{text}");
     }
 
     #[test]
