@@ -278,6 +278,7 @@ fn operators_and_their_transposes_agree_in_f64() {
 }
 
 #[test]
+#[ignore = "takes long: f64 shows the same of the same sources"]
 fn operators_and_their_transposes_agree_in_f32() {
     for (name, scene) in scenes(Precision::F32) {
         dot_products(name, &scene, true, 1e-4);
@@ -328,6 +329,7 @@ fn backends_agree_in_f32() {
 }
 
 #[test]
+#[ignore = "takes long: f32 shows the same of the same sources"]
 fn backends_agree_in_f64() {
     let mut grey = random_scene(16, 90, true, true);
     grey.settings = settings(Precision::F64);

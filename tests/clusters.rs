@@ -453,7 +453,7 @@ fn grey(emission: f64) -> Material {
     Material { albedo: [0.5; 3], emission: [emission; 3], ..Material::named(format!("grey {emission}")) }
 }
 
-/// What is hard for the exact sum, as fine as clusters want it, all light through U, with the error asked for.
+/// What is hard for the exact sum, as fine as clusters want it, all light through U, with the error asked for. Those that take long come last.
 fn hard_cases() -> Vec<(&'static str, Scene, f64)> {
     let built = |add: &dyn Fn(&mut SceneBuilder)| {
         let mut builder = SceneBuilder::new();
@@ -503,20 +503,30 @@ fn hard_cases() -> Vec<(&'static str, Scene, f64)> {
     let mut plates = plates.scene().expect("a scene");
     plates.settings = usual_settings(&plates);
     vec![
-        ("stacked plates", plates, 0.03),
         ("a narrow gap", narrow, 0.01),
         ("needles", needles, 0.01),
         ("interpenetrating soup", soup, 0.3),
-        ("5120 lamps", lamps, 0.03),
         ("two scales", two_scales, 0.01),
+        ("stacked plates", plates, 0.03),
+        ("5120 lamps", lamps, 0.03),
     ]
 }
 
 /// Clusters change hard cases by no more than what is asked for, and let through no light that the exact sum does not.
 #[test]
 fn hard_cases_are_those_of_the_exact_sum() {
+    are_those_of_the_exact_sum(hard_cases().drain(..4));
+}
+
+#[test]
+#[ignore = "takes long: exact sums over five and eight thousand triangles with bins"]
+fn larger_hard_cases_are_those_of_the_exact_sum() {
+    are_those_of_the_exact_sum(hard_cases().drain(4..));
+}
+
+fn are_those_of_the_exact_sum(cases: impl Iterator<Item = (&'static str, Scene, f64)>) {
     let backend = backend();
-    for (name, mut scene, error) in hard_cases() {
+    for (name, mut scene, error) in cases {
         scene.settings = scene.settings.lamps(Lamps::Antiradiance).tolerance(1e-4);
         let areas = areas(&scene);
         let exact = solve(&backend, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
@@ -539,7 +549,12 @@ fn hard_cases_are_those_of_the_exact_sum() {
         assert_eq!(why(engine.plan()), expected, "{name}");
         assert!(found <= error, "{name}: {found}");
     }
-    // One triangle has no other.
+    finish(&backend);
+}
+
+#[test]
+fn one_triangle_has_no_other() {
+    let backend = backend();
     let alone = Scene::new(
         "one",
         vec![DVec3::ZERO, DVec3::X, DVec3::Z],

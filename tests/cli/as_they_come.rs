@@ -136,6 +136,7 @@ fn faces_that_are_turned() {
 }
 
 #[test]
+#[ignore = "takes long: other tests here have turned faces, and no camera"]
 fn a_closed_room_inside_out_without_a_camera() {
     let walls = block(0, [0.0; 3], [4.0, 3.0, 5.0], false, &[]);
     let obj = format!("mtllib m.mtl\nusemtl white\n{walls}{}", lamp(8, 2.9, 0.8, true));
