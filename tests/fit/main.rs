@@ -6,9 +6,9 @@ mod job_files;
 mod jobs;
 mod parameters;
 mod scenes;
-mod textures;
 #[path = "../support/mod.rs"]
 mod support;
+mod textures;
 
 use antirad::scene::{LoadOptions, Scene};
 

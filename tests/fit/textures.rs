@@ -34,8 +34,11 @@ fn scene() -> Scene {
     obj.push_str("o lamp\nusemtl lamp\nv .3 1 .3\nv .7 1 .3\nv .7 1 .7\nv .3 1 .7\nf -4 -3 -2\nf -4 -2 -1\n");
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("s.obj"), obj).expect("written");
-    std::fs::write(folder.path().join("s.mtl"), "newmtl grey\nKd .5 .5 .5\nnewmtl lamp\nKd 0 0 0\nKe 5 5 5\n")
-        .expect("written");
+    std::fs::write(
+        folder.path().join("s.mtl"),
+        "newmtl grey\nKd .5 .5 .5\nnewmtl lamp\nKd 0 0 0\nKe 5 5 5\n",
+    )
+    .expect("written");
     let toml = "[[mesh]]\npath = \"s.obj\"\nobjects = true\norient = \"keep\"\n[settings]\nbins = { concentric = 4 }\n";
     let path = folder.path().join("s.toml");
     std::fs::write(&path, toml).expect("written");
@@ -89,7 +92,8 @@ fn job(settings: Settings, exposure: Exposure, gains: [DVec3; 2]) -> (Job, Engin
     let draft = draft.expect("a job");
     let seen = Scene { cameras: cameras(), ..draft.problem().parameters.scene(&truth(&draft)) };
     let mut renderer =
-        EngineRenderer::new(&backend, seen.clone(), settings.supersample, Default::default(), watch()).expect("a renderer");
+        EngineRenderer::new(&backend, seen.clone(), settings.supersample, Default::default(), watch())
+            .expect("a renderer");
     let pictures = renderer.pictures(&seen).expect("pictures");
     drop(renderer);
     let exposed = |((camera, picture), gain): ((Camera, Vec<DVec3>), DVec3)| {
@@ -119,7 +123,8 @@ fn derivatives_by_texels_are_those_of_central_differences() {
         let gains = [DVec3::new(1.3, 0.7, 1.0), DVec3::splat(0.5)];
         let (job, mut renderer, x) = job(settings, exposure, gains);
         let problem = job.problem();
-        let here: Vec<f64> = x.iter().enumerate().map(|(k, x)| x * (1.0 + 0.2 * (0.7 * k as f64).cos())).collect();
+        let here: Vec<f64> =
+            x.iter().enumerate().map(|(k, x)| x * (1.0 + 0.2 * (0.7 * k as f64).cos())).collect();
         let gradient = problem.evaluate(&here, &mut renderer).expect("an evaluation").gradient;
         let largest = gradient.iter().fold(0.0, |largest: f64, g| largest.max(g.abs()));
         for k in (0..here.len()).step_by(7).chain(here.len() - 6..here.len()) {
@@ -140,7 +145,9 @@ fn derivatives_by_texels_are_those_of_central_differences() {
 #[test]
 fn textures_lamps_and_exposures_are_found() {
     let gains = [DVec3::new(1.3, 0.7, 1.0), DVec3::new(0.5, 0.6, 0.5)];
-    for (exposure, gains) in [(Exposure::default(), [DVec3::ONE; 2]), (Exposure::GAIN_AND_WHITE_BALANCE, gains)] {
+    for (exposure, gains) in
+        [(Exposure::default(), [DVec3::ONE; 2]), (Exposure::GAIN_AND_WHITE_BALANCE, gains)]
+    {
         let settings = Settings::new(fits()).loss(LossKind::Huber).tolerance(Some(1e-5));
         let (mut job, mut renderer, truth) = job(settings, exposure, gains);
         let stop = StopRule::default().iterations(60).relative_decrease(1e-6);

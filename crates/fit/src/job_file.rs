@@ -237,6 +237,12 @@ impl JobFile {
             other => other,
         })?;
         let mut warnings = scene.warnings.clone();
+        // Targets have cameras, and emission may be what is to be found.
+        let finds_light = table.fit.iter().any(|fit| fit.get_ref().parameter == Quantity::Emission);
+        warnings.retain(|warning| {
+            !warning.starts_with("No camera is given")
+                && !(finds_light && warning.starts_with("No material in use"))
+        });
 
         let whole = Place { path, line: 1 };
         if table.target.is_empty() {
