@@ -3,7 +3,8 @@
 use super::scenes::watch;
 use crate::support::{backend, finish};
 use antirad::fit::{
-    EngineRenderer, Exposure, Fit, Job, LossKind, Per, Renderer, RunOptions, Settings, StopRule, Target,
+    EngineRenderer, Exposure, Fit, Job, LossKind, Per, Regulariser, Renderer, RunOptions, Settings, StopRule,
+    Target,
 };
 use antirad::render::Quantity;
 use antirad::scene::{Camera, LoadOptions, Scene};
@@ -119,7 +120,9 @@ fn job(settings: Settings, exposure: Exposure, gains: [DVec3; 2]) -> (Job, Engin
 #[test]
 fn derivatives_by_texels_are_those_of_central_differences() {
     for exposure in [Exposure::default(), Exposure::GAIN_AND_WHITE_BALANCE] {
-        let settings = Settings::new(fits()).loss(LossKind::Huber).tolerance(Some(1e-7));
+        let even = Regulariser::TotalVariation { weight: 0.1 };
+        let settings =
+            Settings::new(fits()).loss(LossKind::Huber).tolerance(Some(1e-7)).regularisers(vec![even]);
         let gains = [DVec3::new(1.3, 0.7, 1.0), DVec3::splat(0.5)];
         let (job, mut renderer, x) = job(settings, exposure, gains);
         let problem = job.problem();

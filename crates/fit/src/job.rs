@@ -114,7 +114,7 @@ const PROMISED: f64 = 10.0;
 /// Of the stage before textures: pictures of a Gauss-Newton Hessian, and when it ends.
 const COARSE_PICTURES: usize = 40;
 const COARSE_ITERATIONS: u32 = 12;
-const COARSE_DECREASE: f64 = 3e-3;
+const COARSE_DECREASE: f64 = 1e-2;
 
 /// Why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

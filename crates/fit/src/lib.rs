@@ -29,6 +29,7 @@ mod status;
 mod target;
 mod target_table;
 mod trail;
+mod usual_fits;
 
 pub use antirad_render::render::{CameraGradient, Quantity, SceneGradient};
 pub use checkpoint::{CHECKPOINT_FILES, CheckpointError};

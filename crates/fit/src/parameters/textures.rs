@@ -46,6 +46,15 @@ impl Parameters {
         !self.paintings.is_empty()
     }
 
+    /// The first unknown, columns and rows of each texture.
+    pub(in super::super) fn textures(&self) -> Vec<(usize, [u32; 2])> {
+        let of = |block: &ParameterBlock| match &block.what {
+            What::Texture { painting, .. } => Some((block.first, self.paintings[*painting].size())),
+            _ => None,
+        };
+        self.blocks.iter().filter_map(of).collect()
+    }
+
     /// These parameters at a point, with one albedo for each texture.
     pub(in super::super) fn without_textures(&self, x: &[f64]) -> Result<Self, ParameterError> {
         let fit = |fit: &super::Fit| match fit.per {
