@@ -385,7 +385,8 @@ pub struct Gradients {
 
 impl Gradients {
     pub fn of(py: Python<'_>, gradient: SceneGradient) -> PyResult<Self> {
-        let SceneGradient { emission, suns, diffuse, albedo, specular, power, positions, cameras } = gradient;
+        let SceneGradient { emission, suns, diffuse, albedo, specular, power, positions, cameras, texels: _ } =
+            gradient;
         let rows =
             |of: Option<Vec<DVec3>>| of.map(|of| PyResult::Ok(arrays::points(py, of)?.unbind())).transpose();
         let numbers =

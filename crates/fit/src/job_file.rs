@@ -250,8 +250,8 @@ impl JobFile {
         let of_emission = |fit: &Spanned<FitTable>| fit.get_ref().parameter == Quantity::Emission;
         let finds_light = table.fit.is_empty() || table.fit.iter().any(of_emission);
         warnings.retain(|warning| {
-            !warning.starts_with("No camera is given")
-                && !(finds_light && warning.starts_with("No material in use"))
+            !(warning.starts_with("No camera is given")
+                || finds_light && warning.starts_with("No material in use"))
         });
 
         let whole = Place { path, line: 1 };

@@ -99,7 +99,7 @@ impl QuasiNewton {
             }
         };
         let mut memory = self.memory.clone();
-        let given = match self.stale && !(self.by_diagonal && !memory.is_blank()) {
+        let given = match self.stale && (memory.is_blank() || !self.by_diagonal) {
             true => hessian(&here.x).map_err(StepError::Objective)?,
             false => None,
         };

@@ -111,6 +111,7 @@ struct OfPoints {
 /// # Errors
 /// Fails if reflections by rays have no derivatives of the requested kinds ([`ShadingError::Rays`]), if a
 /// cotangent does not fit its picture, or if the adjoint solve fails or is stopped.
+#[expect(clippy::too_many_arguments, reason = "what pictures were made of, and what is wanted of them")]
 pub fn backward(
     engine: &mut Engine,
     solution: &Solution,
