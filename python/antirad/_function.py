@@ -54,7 +54,7 @@ class Function:
 
 
 def derivative(gradients, kind, shape):
-    """Derivatives by values of a kind; those of cameras may be given without up."""
+    """Return derivatives by values of a kind; those of cameras may be given without up."""
     by_values = getattr(gradients, kind)
     if kind == "camera":
         by_values = by_values[:, : shape[-2]]

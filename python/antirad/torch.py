@@ -73,7 +73,8 @@ def render(
         diffuse: Diffuse constant δ of each material, (M,).
         power: Power p of each material, (M,).
         vertices: Positions, (V, 3), metres.
-        camera: Position and target of each view, (n, 2, 3), or (2, 3) for one, metres; with up (n, 3, 3) or (3, 3).
+        camera: Position and target of each view, (n, 2, 3), or (2, 3) for one, metres; with up (n, 3, 3)
+            or (3, 3).
         views: Names of cameras, or one name; by default all cameras of the scene.
         supersample: Samples along each side of a pixel, a power of two.
         shading: "gathered" (direct light at each visible point, indirect light interpolated) or "face" (one
