@@ -3,9 +3,10 @@
 //! Candidates are generous. A fit of their emission, which cannot be negative, finds which of them shine: what is bright because a
 //! lamp lights it is explained by that lamp.
 
+use super::median::median;
 use super::target::Target;
 use antirad_render::image::View;
-use antirad_scene::{Edges, Rays, Scene, Welded, sides};
+use antirad_scene::{Edges, Rays, Scene, Welded, free_name, sides};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
@@ -74,7 +75,10 @@ pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
     let size =
         |triangles: &[u32]| triangles.iter().map(|&t| scene.area_vector(t as usize).length()).sum::<f64>();
     let (mut found, mut unseen) = (Vec::new(), Vec::new());
-    for part in parts(scene, |_| true) {
+    let (low, high) = antirad_scene::bounds(scene.vertices.iter().copied());
+    let welded = Welded::within((high - low).length().max(1.0) * TOUCH, scene.vertices.iter().copied());
+    let parts = |triangles: Vec<u32>| parts(scene, &welded, triangles);
+    for part in scene.meshes.iter().flat_map(|mesh| parts(mesh.range.clone().collect())) {
         let shown: Vec<u32> = part.iter().copied().filter(|&t| seen[t as usize].pixels > 0).collect();
         let bright: Vec<u32> = shown.iter().copied().filter(|&t| is_bright(t)).collect();
         if shown.is_empty() {
@@ -82,8 +86,7 @@ pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
         } else if size(&bright) >= MOST * size(&shown) && size(&bright) > 0.0 {
             found.push(part);
         } else {
-            let bright: HashSet<u32> = shown.into_iter().filter(|&t| is_spot(t)).collect();
-            found.extend(parts(scene, |t| bright.contains(&t)));
+            found.extend(parts(shown.into_iter().filter(|&t| is_spot(t)).collect()));
         }
     }
     found.retain(|part| part.iter().map(|&t| seen[t as usize].bright).sum::<u32>() >= PIXELS);
@@ -94,9 +97,7 @@ pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
     let mut named = |triangles: Vec<u32>, is_seen: bool| {
         let mesh = scene.meshes.iter().find(|mesh| triangles.first().is_some_and(|t| mesh.range.contains(t)));
         let name = mesh.map_or("lamp", |mesh| mesh.name.as_str());
-        let mut numbered =
-            std::iter::once(name.to_owned()).chain((2u64..).map(|number| format!("{name}_{number}")));
-        let name = numbered.find(|name| taken.insert(name.clone())).unwrap_or_default();
+        let name = free_name(name, |name| taken.insert(name.to_owned()));
         Candidate { name, triangles, is_seen }
     };
     let mut all: Vec<Candidate> = found.into_iter().map(|part| named(part, true)).collect();
@@ -110,7 +111,7 @@ fn look(scene: &Scene, rays: &Rays, target: &Target) -> Vec<Seen> {
     let view = View::new(camera);
     let [limit, limit_of_spot] = match target.clip {
         Some(clip) => [clip; 2],
-        None => [BRIGHT, BRIGHT_SPOT].map(|factor| factor * median(target)),
+        None => [BRIGHT, BRIGHT_SPOT].map(|factor| factor * usual_brightness(target)),
     };
     let mut seen = vec![Seen::default(); scene.triangles.len()];
     let width = camera.width as usize;
@@ -126,50 +127,41 @@ fn look(scene: &Scene, rays: &Rays, target: &Target) -> Vec<Seen> {
 }
 
 /// The median of the brightest channels of the pixels that count.
-fn median(target: &Target) -> f64 {
+fn usual_brightness(target: &Target) -> f64 {
     let counts = |(at, _): &(usize, &DVec3)| target.mask_at(*at) > 0.0;
-    let mut values: Vec<f64> =
-        target.pixels.iter().enumerate().filter(counts).map(|(_, pixel)| pixel.max_element()).collect();
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    let pixels = target.pixels.iter().enumerate().filter(counts);
+    median(pixels.map(|(_, pixel)| pixel.max_element()).collect()).unwrap_or(0.0)
 }
 
-/// Connected parts of the meshes, of those triangles that count: within each mesh, over edges of (nearly) the same corners.
-fn parts(scene: &Scene, counts: impl Fn(u32) -> bool) -> Vec<Vec<u32>> {
-    let (low, high) = antirad_scene::bounds(scene.vertices.iter().copied());
-    let welded = Welded::within((high - low).length().max(1.0) * TOUCH, scene.vertices.iter().copied());
-    let mut parts = Vec::new();
-    for mesh in &scene.meshes {
-        let counted: Vec<u32> = mesh.range.clone().filter(|&t| counts(t)).collect();
-        let corners = |t: u32| welded.positions(scene.triangles[t as usize].vertices);
-        let directed = counted.iter().flat_map(|&t| sides(corners(t)).map(|side| (t, side)));
-        // Disjoint sets; the root of each is its first triangle.
-        let mut root: BTreeMap<u32, u32> = counted.iter().map(|&t| (t, t)).collect();
-        fn find(root: &mut BTreeMap<u32, u32>, t: u32) -> u32 {
-            let mut at = t;
-            while root[&at] != at {
-                let next = root[&root[&at]];
-                root.insert(at, next);
-                at = next;
-            }
-            at
+/// Connected parts of some triangles, ascending, over edges of (nearly) the same corners.
+fn parts(scene: &Scene, welded: &Welded, triangles: Vec<u32>) -> Vec<Vec<u32>> {
+    let corners = |t: u32| welded.positions(scene.triangles[t as usize].vertices);
+    let directed = triangles.iter().flat_map(|&t| sides(corners(t)).map(|side| (t, side)));
+    // Disjoint sets; the root of each is its first triangle.
+    let mut root: BTreeMap<u32, u32> = triangles.iter().map(|&t| (t, t)).collect();
+    fn find(root: &mut BTreeMap<u32, u32>, t: u32) -> u32 {
+        let mut at = t;
+        while root[&at] != at {
+            let next = root[&root[&at]];
+            root.insert(at, next);
+            at = next;
         }
-        for edge in Edges::new(directed).iter() {
-            let mut around = edge.triangles();
-            let Some(first) = around.next() else { continue };
-            for other in around {
-                let (a, b) = (find(&mut root, first), find(&mut root, other));
-                root.insert(a.max(b), a.min(b));
-            }
-        }
-        let mut of_root: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-        for t in counted {
-            let first = find(&mut root, t);
-            of_root.entry(first).or_default().push(t);
-        }
-        parts.extend(of_root.into_values());
+        at
     }
-    parts
+    for edge in Edges::new(directed).iter() {
+        let mut around = edge.triangles();
+        let Some(first) = around.next() else { continue };
+        for other in around {
+            let (a, b) = (find(&mut root, first), find(&mut root, other));
+            root.insert(a.max(b), a.min(b));
+        }
+    }
+    let mut of_root: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for t in triangles {
+        let first = find(&mut root, t);
+        of_root.entry(first).or_default().push(t);
+    }
+    of_root.into_values().collect()
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! depends on the scene alone. Since they are a minimum, its derivative is that with gains held fixed.
 
 use super::loss::PictureLoss;
+use super::median::median;
 use super::target::Target;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -109,7 +110,7 @@ fn shared_gain(
 
 /// Medians of the ratios of pixels; 1 where there are none.
 fn first_guess(views: &[usize], targets: &[Target], pictures: &[Vec<DVec3>], exposure: Exposure) -> DVec3 {
-    let median = |channels: &[usize]| {
+    let ratio = |channels: &[usize]| {
         let mut ratios = Vec::new();
         for &view in views {
             let target = &targets[view];
@@ -123,13 +124,12 @@ fn first_guess(views: &[usize], targets: &[Target], pictures: &[Vec<DVec3>], exp
                 }
             }
         }
-        let middle = ratios.len() / 2;
-        if ratios.is_empty() { 1.0 } else { *ratios.select_nth_unstable_by(middle, f64::total_cmp).1 }
+        median(ratios).unwrap_or(1.0)
     };
     match (exposure.gain, exposure.white_balance) {
-        (true, true) => DVec3::new(median(&[0]), median(&[1]), median(&[2])),
-        (true, false) => DVec3::splat(median(&[0, 1, 2])),
-        (false, true) => DVec3::new(median(&[0]), 1.0, median(&[2])),
+        (true, true) => DVec3::new(ratio(&[0]), ratio(&[1]), ratio(&[2])),
+        (true, false) => DVec3::splat(ratio(&[0, 1, 2])),
+        (false, true) => DVec3::new(ratio(&[0]), 1.0, ratio(&[2])),
         (false, false) => DVec3::ONE,
     }
 }

@@ -15,6 +15,7 @@ mod job_file;
 mod limit;
 mod lock;
 mod loss;
+mod median;
 mod motion;
 pub mod optimiser;
 mod parameters;

@@ -8,6 +8,7 @@ use antirad_base::output::{OutputError, atomic_write, write_array, write_json};
 use antirad_core::plan::GradientRequest;
 use antirad_render::image::Picture;
 use antirad_render::render::Quantity;
+use antirad_scene::free_name;
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -105,8 +106,7 @@ pub fn view_names(job: &Job) -> Vec<String> {
     let name = |name: &str| {
         let name: String =
             name.chars().map(|c| if "/\\:".contains(c) || c.is_control() { '_' } else { c }).collect();
-        let mut numbered = std::iter::once(name.clone()).chain((2u64..).map(|n| format!("{name}_{n}")));
-        numbered.find(|name| taken.insert(name.clone())).unwrap_or(name)
+        free_name(&name, |name| taken.insert(name.to_owned()))
     };
     job.problem().targets.iter().map(|t| t.camera.name.as_str()).map(name).collect()
 }

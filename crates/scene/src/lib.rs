@@ -72,10 +72,12 @@ pub use sun::Sun;
 
 pub use adjacency::{Edges, Fans, Welded, sides};
 pub use error::{Place, nearest};
+pub use free_name::free_name;
 pub use pattern::Factors;
 pub use rays::Rays;
 pub use size::bounds;
 pub use tables::{CameraTable, Triple};
+pub use texture::{linear_from_srgb, srgb_from_linear};
 pub use toml_file::TomlFile;
 
 use glam::DVec3;

@@ -78,12 +78,12 @@ pub(super) fn decode_picture(bytes: &[u8]) -> Result<DynamicImage, String> {
 }
 
 /// Light of an sRGB value, both from 0 to 1 (IEC 61966-2-1).
-pub(super) fn linear_from_srgb(x: f64) -> f64 {
+pub fn linear_from_srgb(x: f64) -> f64 {
     if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The inverse of [`linear_from_srgb`].
-fn srgb_from_linear(x: f64) -> f64 {
+/// The inverse of [`linear_from_srgb`]: sRGB of light.
+pub fn srgb_from_linear(x: f64) -> f64 {
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
 }
 

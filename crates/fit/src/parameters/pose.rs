@@ -3,6 +3,7 @@
 //! The unknowns are a displacement and a rotation vector about the camera's position, in axes of the scene. What the camera sees moves by
 //! about as much with one unit of each.
 
+use super::super::median::median;
 use super::super::motion::Motion;
 use antirad_render::image::{CameraGradient, View};
 use antirad_scene::{Camera, Scene};
@@ -83,10 +84,6 @@ fn depth(scene: &Scene, camera: &Camera) -> f64 {
             && way.dot(view.up).abs() <= depth * view.tan_half_y;
         (depth > 0.0 && inside).then_some(depth)
     };
-    let mut depths: Vec<f64> = scene.vertices.iter().filter_map(in_picture).collect();
-    let middle = depths.len() / 2;
-    match depths.is_empty() {
-        true => (camera.target - camera.position).length(),
-        false => *depths.select_nth_unstable_by(middle, f64::total_cmp).1,
-    }
+    let depths = scene.vertices.iter().filter_map(in_picture).collect();
+    median(depths).unwrap_or_else(|| (camera.target - camera.position).length())
 }

@@ -1,6 +1,7 @@
 //! Tone mapping: from radiance to 8 bits per channel.
 
 use antirad_base::setters;
+use antirad_scene::srgb_from_linear;
 
 /// The exposure of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -41,7 +42,7 @@ impl ToneMap {
         let byte = |&value: &f32| {
             let shown = (f64::from(value) * factor).clamp(0.0, 1.0);
             // The conversion turns NaN into 0.
-            (255.0 * if self.srgb { srgb(shown) } else { shown }).round() as u8
+            (255.0 * if self.srgb { srgb_from_linear(shown) } else { shown }).round() as u8
         };
         pixels.iter().flat_map(|pixel| pixel[..3].iter().map(byte)).collect()
     }
@@ -59,9 +60,4 @@ fn auto_factor(pixels: &[[f32; 4]]) -> f64 {
     let rank = (brightest.len() - 1) * 99 / 100;
     let (_, percentile, _) = brightest.select_nth_unstable_by(rank, f32::total_cmp);
     0.99 / f64::from(*percentile)
-}
-
-/// The sRGB transfer function (IEC 61966-2-1).
-fn srgb(linear: f64) -> f64 {
-    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }

@@ -6,7 +6,8 @@ use std::io::BufReader;
 use ::image::metadata::Orientation;
 use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
-use super::{Photo, check_size, exif, linear, upright};
+use super::{Photo, check_size, exif, upright};
+use antirad_scene::linear_from_srgb;
 
 /// Most bytes that a decoder may allocate.
 const MOST_BYTES: u64 = 1 << 31;
@@ -65,7 +66,8 @@ pub(super) fn read(
         | DynamicImage::ImageLumaA8(_)
         | DynamicImage::ImageRgb8(_)
         | DynamicImage::ImageRgba8(_) => {
-            let table: Vec<f32> = (0..=u8::MAX).map(|v| linear(f64::from(v) / 255.0) as f32).collect();
+            let table: Vec<f32> =
+                (0..=u8::MAX).map(|v| linear_from_srgb(f64::from(v) / 255.0) as f32).collect();
             let picture = picture.into_rgb8();
             photo(
                 picture.pixels().map(|pixel| pixel.0.map(|v| table[usize::from(v)])).collect(),
@@ -74,7 +76,8 @@ pub(super) fn read(
             )
         }
         _ => {
-            let table: Vec<f32> = (0..=u16::MAX).map(|v| linear(f64::from(v) / 65535.0) as f32).collect();
+            let table: Vec<f32> =
+                (0..=u16::MAX).map(|v| linear_from_srgb(f64::from(v) / 65535.0) as f32).collect();
             let picture = picture.into_rgb16();
             photo(
                 picture.pixels().map(|pixel| pixel.0.map(|v| table[usize::from(v)])).collect(),

@@ -161,16 +161,12 @@ fn check_size(width: usize, height: usize) -> Result<[u32; 2], String> {
     }
 }
 
-/// The inverse of the transfer curve of IEC 61966-2-1.
-fn linear(srgb: f64) -> f64 {
-    if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use ::image::codecs::jpeg::JpegEncoder;
     use ::image::{DynamicImage, ImageEncoder, Luma, Rgb};
+    use antirad_scene::linear_from_srgb;
     use std::path::PathBuf;
 
     struct Written(PathBuf);
@@ -256,7 +252,7 @@ mod tests {
             let mut theirs = ::image::open(&file.0).expect("opened");
             theirs.apply_orientation(Orientation::from_exif(orientation as u8).expect("a number"));
             for (pixel, their) in photo.pixels.iter().zip(theirs.to_rgb8().pixels()) {
-                assert!((f64::from(pixel[0]) - linear(f64::from(their.0[0]) / 255.0)).abs() < 1e-6);
+                assert!((f64::from(pixel[0]) - linear_from_srgb(f64::from(their.0[0]) / 255.0)).abs() < 1e-6);
             }
             let exposure = photo.exposure.expect("an exposure");
             assert!((exposure - 800.0 / 50.0 / 16.0).abs() < 1e-12, "{exposure}");
@@ -278,7 +274,7 @@ mod tests {
         let floats =
             DynamicImage::from(::image::Rgb32FImage::from_fn(4, 2, |x, _| Rgb([x as f32, 0.5, 300.0])));
         let grey = DynamicImage::from(::image::ImageBuffer::<Luma<u8>, _>::from_pixel(4, 2, Luma([128u8])));
-        let middle = linear(128.0 / 255.0) as f32;
+        let middle = linear_from_srgb(128.0 / 255.0) as f32;
         for format in [ImageFormat::Png, ImageFormat::Tiff] {
             let name = |what: &str| format!("{what}_{format:?}.png");
             let photo = Written::save(&name("bytes"), &bytes, format).read();
