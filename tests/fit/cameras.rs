@@ -151,7 +151,7 @@ fn one_set_of_pictures_shows_all_poses() {
         assert_eq!((hessian[i * n + j], hessian[j * n + i]), (0.0, 0.0));
     }
     assert!((0..n).all(|i| hessian[i * n + i] > 0.0), "{hessian:?}");
-    let diagonal = problem.own_curvature(x, &mut renderer).expect("pictures").expect("a diagonal");
+    let diagonal = problem.own_curvature(x, true, &mut renderer).expect("pictures").expect("a diagonal");
     for i in 3..n {
         let whole = hessian[i * n + i];
         assert!((diagonal[i] / whole - 1.0).abs() < 1e-6, "unknown {i}: {}, not {whole}", diagonal[i]);

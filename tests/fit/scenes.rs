@@ -445,7 +445,7 @@ fn own_curvature_is_the_diagonal_of_the_hessian_without_interreflection() {
         let problem = job.problem();
         let x = problem.parameters.start();
         let hessian = problem.gauss_newton(x, &mut renderer).expect("pictures").expect("a Hessian");
-        let own = problem.own_curvature(x, &mut renderer).expect("pictures").expect("a diagonal");
+        let own = problem.own_curvature(x, true, &mut renderer).expect("pictures").expect("a diagonal");
         assert!(own.iter().all(|h| *h > 0.0), "{own:?}");
         for (i, own) in own.iter().enumerate() {
             let whole = hessian[i * x.len() + i];

@@ -4,7 +4,8 @@ use super::checkpoint::{CheckpointError, Checkpoints, Identity};
 use super::lock::LockError;
 use super::loss::{Loss, LossKind, PictureLoss};
 use super::optimiser::{
-    Adam, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step, StepError,
+    Adam, CoarseHessian, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step,
+    StepError,
 };
 use super::parameters::{ParameterError, Parameters, Recovered};
 use super::problem::{Evaluation, Problem};
@@ -451,52 +452,52 @@ impl Job {
         }
     }
 
-    /// Where a fit of textures starts: with one albedo for each, and everything else, fitted before. Texels of a mesh and its lamps act on
-    /// pictures together, which an optimiser of many unknowns learns slowly.
+    /// Where a fit of textures starts, and the Hessian there: with one albedo for each, and everything else, fitted before. Texels of a mesh
+    /// and its lamps act on pictures together, which an optimiser of many unknowns learns slowly.
     fn coarse_start(
         &mut self,
         x: &[f64],
         renderer: &mut dyn Renderer,
         watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
-    ) -> Result<Vec<f64>, FitError> {
+    ) -> Result<(Vec<f64>, Option<CoarseHessian>), FitError> {
         tracing::info!("first with one albedo for each texture");
-        let coarse = self.problem.parameters.without_textures(x)?;
+        let (coarse, of) = self.problem.parameters.without_textures(x)?;
         let fine = std::mem::replace(&mut self.problem.parameters, coarse);
         let regularisers = std::mem::take(&mut self.problem.regularisers);
         let settings = self.settings.clone().gauss_newton(self.settings.gauss_newton.max(COARSE_PICTURES));
         let settings = std::mem::replace(&mut self.settings, settings);
         let found = self.coarse(renderer, watch);
         (self.problem.parameters, self.problem.regularisers, self.settings) = (fine, regularisers, settings);
-        Ok(self.problem.parameters.unknowns_at(&found?))
+        let optimiser = found?;
+        let x = of.iter().map(|&z| optimiser.best()[z as usize]).collect();
+        let hessian = match optimiser {
+            Optimiser::QuasiNewton(optimiser) => optimiser.hessian(),
+            Optimiser::Adam(_) | Optimiser::LeastSquares(_) => None,
+        };
+        Ok((x, hessian.map(|hessian| CoarseHessian { of, hessian })))
     }
 
-    /// The scene that the parameters reach in a few steps.
+    /// The optimiser after a few steps.
     fn coarse(
         &self,
         renderer: &mut dyn Renderer,
         watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
-    ) -> Result<Scene, FitError> {
+    ) -> Result<Optimiser, FitError> {
         let rule = StopRule::default().iterations(COARSE_ITERATIONS).relative_decrease(COARSE_DECREASE);
         let mut progress = FitProgress::new(self.new_optimiser());
         while progress.stop(&rule).is_none() {
-            let stepped = match progress.history.is_empty() {
-                true => start(&self.problem, &mut progress, renderer).map(|record| (record, true)),
-                false => step(&self.problem, &self.settings, &mut progress, renderer),
-            };
-            let (record, advanced) = stepped.map_err(|error| match error {
+            let record = advance(&self.problem, &self.settings, None, &mut progress, renderer);
+            let record = record.map_err(|error| match error {
                 StepError::Objective(RenderError::Interrupted) => FitError::Interrupted { iteration: 0 },
                 StepError::Objective(error) => error.into(),
                 error => FitError::Optimiser(error.to_string()),
             })?;
-            if !advanced {
-                break;
-            }
-            progress.history.push(record);
+            let Some(record) = record else { break };
             if watch(&record, &progress).is_break() {
                 return Err(FitError::Interrupted { iteration: 0 });
             }
         }
-        Ok(self.problem.parameters.scene(progress.optimiser.best()))
+        Ok(progress.optimiser)
     }
 
     /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. A job that was
@@ -533,8 +534,10 @@ impl Job {
             })?;
             progress = FitProgress::new(self.optimiser_from(x));
         }
+        let mut coarse = None;
         if resumed_from.is_none() && self.problem.parameters.has_textures() {
-            let x = self.coarse_start(progress.optimiser.best(), renderer, watch)?;
+            let x;
+            (x, coarse) = self.coarse_start(progress.optimiser.best(), renderer, watch)?;
             progress = FitProgress::new(self.optimiser_from(x));
         }
         let mut clock = Instant::now();
@@ -572,23 +575,19 @@ impl Job {
             if let Some(stop) = progress.finished.or_else(|| progress.stop(&options.stop)) {
                 break stop;
             }
-            let stepped = match progress.history.is_empty() {
-                true => start(&self.problem, &mut progress, renderer).map(|record| (record, true)),
-                false => step(&self.problem, &self.settings, &mut progress, renderer),
-            };
-            let (record, advanced) = match stepped {
-                Ok(stepped) => stepped,
-                Err(StepError::Objective(error)) => return ended(cause(error), &mut progress, &mut store),
-                Err(error) => {
-                    let error = Some(FitError::Optimiser(error.to_string()));
-                    return ended(error, &mut progress, &mut store);
-                }
-            };
-            // A step without progress is not an iteration.
-            if !advanced {
-                break Stop::NoProgress;
-            }
-            progress.history.push(record);
+            let record =
+                match advance(&self.problem, &self.settings, coarse.as_ref(), &mut progress, renderer) {
+                    Ok(Some(record)) => record,
+                    // A step without progress is not an iteration.
+                    Ok(None) => break Stop::NoProgress,
+                    Err(StepError::Objective(error)) => {
+                        return ended(cause(error), &mut progress, &mut store);
+                    }
+                    Err(error) => {
+                        let error = Some(FitError::Optimiser(error.to_string()));
+                        return ended(error, &mut progress, &mut store);
+                    }
+                };
             if watch(&record, &progress).is_break() {
                 return ended(None, &mut progress, &mut store);
             }
@@ -649,6 +648,26 @@ impl Job {
     }
 }
 
+/// The start, or the next iteration, which it adds to the history; `None` where no progress can be made. `coarse`: what is known of the
+/// Hessian at the start.
+fn advance(
+    problem: &Problem,
+    settings: &Settings,
+    coarse: Option<&CoarseHessian>,
+    progress: &mut FitProgress,
+    renderer: &mut dyn Renderer,
+) -> Result<Option<Record>, StepError<RenderError>> {
+    let (record, advanced) = match progress.history.is_empty() {
+        true => (start(problem, progress, renderer)?, true),
+        false => step(problem, settings, coarse, progress, renderer)?,
+    };
+    if !advanced {
+        return Ok(None);
+    }
+    progress.history.push(record);
+    Ok(Some(record))
+}
+
 /// The start, as iteration 0.
 fn start(
     problem: &Problem,
@@ -682,6 +701,7 @@ fn evaluate(
 fn step(
     problem: &Problem,
     settings: &Settings,
+    coarse: Option<&CoarseHessian>,
     progress: &mut FitProgress,
     renderer: &mut dyn Renderer,
 ) -> Result<(Record, bool), StepError<RenderError>> {
@@ -708,7 +728,11 @@ fn step(
             // It renders the point again, which costs a renderer nothing that keeps its latest pictures.
             trail.borrow_mut().follow(x, !moves, renderer, |renderer| {
                 if problem.gauss_newton_pictures() > settings.gauss_newton {
-                    return Ok(problem.own_curvature(x, renderer)?.map(KnownHessian::Diagonal));
+                    let diagonal = problem.own_curvature(x, coarse.is_none(), renderer)?;
+                    return Ok(diagonal.map(|diagonal| match coarse {
+                        Some(coarse) => KnownHessian::DiagonalAndCoarse(diagonal, coarse.clone()),
+                        None => KnownHessian::Diagonal(diagonal),
+                    }));
                 }
                 Ok(problem.gauss_newton(x, renderer)?.map(KnownHessian::Whole))
             })

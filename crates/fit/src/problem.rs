@@ -243,7 +243,7 @@ impl Problem {
     }
 
     /// The diagonal of the Gauss-Newton Hessian of the pictures, with the light that arrives at surfaces held fixed: most of it
-    /// where each unknown is the albedo or emission of few triangles, or of a camera. That of cameras, and of lamps
+    /// where each unknown is the albedo or emission of few triangles, or of a camera. With `far_reaching`, that of cameras, and of lamps
     /// if these are few, takes a picture per view for each; the rest takes no solve beside that at the point itself.
     /// `None` if the loss is not quadratic, something else is unknown, or the renderer does not know.
     ///
@@ -252,6 +252,7 @@ impl Problem {
     pub fn own_curvature(
         &self,
         x: &[f64],
+        far_reaching: bool,
         renderer: &mut dyn Renderer,
     ) -> Result<Option<Vec<f64>>, RenderError> {
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
@@ -265,7 +266,8 @@ impl Problem {
         let squares =
             renderer.own_squares(&by_radiance).and_then(|squares| self.parameters.own_squares(&squares));
         let Some(mut squares) = squares else { return Ok(None) };
-        for column in self.parameters.far_reaching_columns() {
+        let columns = if far_reaching { self.parameters.far_reaching_columns() } else { Vec::new() };
+        for column in columns {
             let Some(slopes) = self.slopes(x, &column, &here, renderer)? else { return Ok(None) };
             for (unknown, slopes) in slopes {
                 squares[unknown] = product(&weighted(&slopes, &weights), &slopes);

@@ -119,6 +119,9 @@ impl MemoryPlan {
             memory.add("near matrix: columns", columns, 1);
             memory.add("near matrix: weights", weights, 1);
         }
+        if let Some(bytes) = plan.kept_far_bytes() {
+            memory.add("far pairs", bytes, 1);
+        }
         if plan.options.backend == BackendKind::Vulkan {
             memory.add_for_kernels(plan, slots);
         }

@@ -3,6 +3,7 @@
 
 mod choice;
 mod error;
+mod far_field;
 mod gradient_request;
 mod interactions;
 mod lamps;
@@ -74,7 +75,8 @@ pub struct PlanOptions {
     /// Kinds of derivatives to plan for.
     pub gradients: GradientRequest,
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
-    /// most of the near field of all others.
+    /// most of the near field of all others. The CPU then keeps what passes between far triangles, too, if that takes a small part of the
+    /// budget.
     pub keep_near_field: bool,
     /// Whether kernels evaluate the near field in a hundredth of that time, so that it is kept for derivatives alone: those are asked for
     /// many times of one plan.
@@ -309,6 +311,8 @@ pub struct Plan {
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
     pub(crate) near_field: NearField,
+    /// Whether far pairs are kept from pass to pass.
+    keeps_far: bool,
     pub(crate) shares: Shares,
     /// Bytes that the staging buffers are to have, where the device has buffers as large.
     staging: u64,
@@ -441,6 +445,7 @@ impl Plan {
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             near_field: NearField::default(),
+            keeps_far: false,
             shares: Shares::default(),
             staging: options.staging,
             memory: MemoryPlan::default(),
@@ -453,6 +458,7 @@ impl Plan {
             plan.shares = Shares::of(&plan);
         }
         plan.choose_near_field()?;
+        plan.choose_far_field();
         Ok(plan)
     }
 

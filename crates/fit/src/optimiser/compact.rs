@@ -1,10 +1,12 @@
-//! The compact limited-memory BFGS Hessian B = D - W M Wᵀ, from the latest steps s and gradient differences y (Byrd,
-//! Nocedal and Schnabel 1994).
+//! The compact limited-memory BFGS Hessian from the latest steps s and gradient differences y (Byrd, Nocedal and Schnabel 1994):
+//! B = B_0 - V M Vᵀ with V = [Y, B_0 S].
 //!
-//! D is diagonal and updated in every step (Gilbert and Lemaréchal 1989). The unknowns of a fit differ widely in influence,
-//! such as a visible lamp and a dark corner; the usual multiple of the identity takes several times as many steps.
+//! B_0 is a diagonal D, which is updated in every step (Gilbert and Lemaréchal 1989). The unknowns of a fit differ widely in influence,
+//! such as a visible lamp and a dark corner; the usual multiple of the identity takes several times as many steps. Where the Hessian H
+//! within a subspace is known, that of P z for few z, B_0 = D + D P A Pᵀ D with A = D_c⁻¹ (H - D_c) D_c⁻¹ and D_c = Pᵀ D P: the block BFGS
+//! update of D, so that Pᵀ B_0 P = H.
 
-use super::dot;
+use super::{CoarseHessian, dot};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
@@ -18,30 +20,30 @@ const LEAST_CURVATURE: f64 = 1e-7;
 /// that it reflects.
 const UNKNOWN: f64 = 1e-2;
 
-/// Pairs (s, y), the oldest first.
+/// What is known of the Hessian: the pairs (s, y), the oldest first, and the model before them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Memory {
     pub s: Vec<Vec<f64>>,
     pub y: Vec<Vec<f64>>,
-    /// D, the initial Hessian.
+    /// D.
     pub diagonal: Vec<f64>,
-    /// Number of pairs, the oldest ones, that come from a given Hessian.
-    given: usize,
+    /// P and H.
+    coarse: Option<CoarseHessian>,
     /// Whether D is known from the start.
     informed: bool,
 }
 
-/// W = [Y, D S] and M, for products.
+/// B = D - W M Wᵀ with W = [Y, B_0 S, D P], for products.
 pub(super) struct Compact<'a> {
     memory: &'a Memory,
-    /// D S.
+    /// B_0 S.
     scaled: Vec<Vec<f64>>,
     middle: DMatrix<f64>,
 }
 
 impl Memory {
     pub fn new(unknowns: usize) -> Self {
-        Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns], given: 0, informed: false }
+        Self { s: Vec::new(), y: Vec::new(), diagonal: vec![1.0; unknowns], coarse: None, informed: false }
     }
 
     /// Whether nothing is known of the Hessian.
@@ -65,32 +67,25 @@ impl Memory {
         Some(Self { diagonal, informed: true, ..Self::new(gradient.len()) })
     }
 
-    /// A memory whose model has the given Hessian (row by row): its eigenvectors as steps. Where the Hessian is so flat that
-    /// a step against `gradient` would change the unknowns by more than `longest`, the model is made steeper. `None` if the
-    /// Hessian is not finite, or zero.
+    /// A memory whose model has the given Hessian (row by row). Where the Hessian is so flat that a step against `gradient` would change
+    /// the unknowns by more than `longest`, the model is made steeper. `None` if the Hessian is not finite, or zero.
     pub fn of_hessian(hessian: &[f64], gradient: &[f64], longest: f64) -> Option<Self> {
         let n = gradient.len();
-        if hessian.len() != n * n || !hessian.iter().all(|h| h.is_finite()) {
-            return None;
-        }
-        let eigen = SymmetricEigen::new(DMatrix::from_row_slice(n, n, hessian));
-        let largest = eigen.eigenvalues.max();
-        if !(largest > 0.0 && largest.is_finite()) {
-            return None;
-        }
-        let mut memory =
-            Self { s: Vec::new(), y: Vec::new(), diagonal: vec![largest; n], given: n, informed: true };
-        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-            let s: Vec<f64> = vector.iter().copied().collect();
-            let steepness = value.max(LEAST_CURVATURE * largest).max(dot(&s, gradient).abs() / longest);
-            memory.y.push(s.iter().map(|s| steepness * s).collect());
-            memory.s.push(s);
-        }
-        Some(memory)
+        let steep = steepened(hessian, gradient, longest)?;
+        let diagonal = (0..n).map(|i| steep[i * n + i]).collect();
+        let coarse = CoarseHessian { of: (0..n as u32).collect(), hessian: steep };
+        Some(Self { diagonal, coarse: Some(coarse), informed: true, ..Self::new(n) })
     }
 
-    /// Adds a pair and drops all but the latest `length`, and those of a given Hessian. A pair without positive curvature is skipped: it would make the
-    /// model unbounded.
+    /// This memory with a Hessian within a subspace; without it, if that is not finite, or zero.
+    pub fn within(mut self, coarse: CoarseHessian, gradient: &[f64], longest: f64) -> Self {
+        let along = coarse.restricted(gradient);
+        let steep = steepened(&coarse.hessian, &along, longest);
+        self.coarse = steep.map(|hessian| CoarseHessian { hessian, ..coarse });
+        self
+    }
+
+    /// Adds a pair and drops all but the latest `length`. A pair without positive curvature is skipped: it would make the model unbounded.
     pub fn push(&mut self, s: Vec<f64>, y: Vec<f64>, length: usize) {
         let (sy, ss, yy) = (dot(&s, &y), dot(&s, &s), dot(&y, &y));
         if !(sy > 1e-10 * (ss * yy).sqrt() && (yy / sy).is_finite()) {
@@ -100,14 +95,15 @@ impl Memory {
             // So far D is only the initial guess.
             self.diagonal.fill(yy / sy);
         }
-        if self.given == 0 {
+        // Of a whole Hessian nothing is left to learn.
+        if self.coarse.as_ref().is_none_or(|coarse| coarse.len() < s.len()) {
             self.learn(&s, &y, sy);
         }
         self.s.push(s);
         self.y.push(y);
-        if self.s.len() > length + self.given {
-            self.s.remove(self.given);
-            self.y.remove(self.given);
+        if self.s.len() > length {
+            self.s.remove(0);
+            self.y.remove(0);
         }
     }
 
@@ -124,12 +120,33 @@ impl Memory {
         }
     }
 
+    /// A, if a Hessian is known within a subspace.
+    fn correction(&self) -> Option<DMatrix<f64>> {
+        let coarse = self.coarse.as_ref()?;
+        let m = coarse.len();
+        let diagonal = coarse.restricted(&self.diagonal);
+        let entry = |i: usize, j: usize| {
+            let h = coarse.hessian[i * m + j] - if i == j { diagonal[i] } else { 0.0 };
+            h / (diagonal[i] * diagonal[j])
+        };
+        Some(DMatrix::from_fn(m, m, entry))
+    }
+
     /// `None` if rounding has made the middle matrix singular: the memory is then useless.
     pub fn compact(&self) -> Option<Compact<'_>> {
         let k = self.s.len();
-        let scaled: Vec<Vec<f64>> =
-            self.s.iter().map(|s| s.iter().zip(&self.diagonal).map(|(s, d)| s * d).collect()).collect();
-        // [-diag Lᵀ; L SᵀDS], with diag the diagonal of SᵀY and L its strictly lower part.
+        let correction = self.correction();
+        let first = |s: &Vec<f64>| -> Vec<f64> {
+            let mut product: Vec<f64> = s.iter().zip(&self.diagonal).map(|(s, d)| s * d).collect();
+            if let (Some(coarse), Some(correction)) = (&self.coarse, &correction) {
+                let along = correction * DVector::from_vec(coarse.restricted(&product));
+                let members = product.iter_mut().zip(&self.diagonal).zip(&coarse.of);
+                members.for_each(|((to, d), &z)| *to += d * along[z as usize]);
+            }
+            product
+        };
+        let scaled: Vec<Vec<f64>> = self.s.iter().map(first).collect();
+        // [-diag Lᵀ; L SᵀB_0 S], with diag the diagonal of SᵀY and L its strictly lower part.
         let inverse = DMatrix::from_fn(2 * k, 2 * k, |i, j| match (i < k, j < k) {
             (true, true) if i == j => -dot(&self.s[i], &self.y[i]),
             (true, true) => 0.0,
@@ -138,9 +155,34 @@ impl Memory {
             (false, false) => dot(&self.s[i - k], &scaled[j - k]),
             _ => 0.0,
         });
-        let middle = if k == 0 { inverse } else { inverse.try_inverse()? };
+        let of_pairs = if k == 0 { inverse } else { inverse.try_inverse()? };
+        let m = correction.as_ref().map_or(0, DMatrix::nrows);
+        let mut middle = DMatrix::zeros(2 * k + m, 2 * k + m);
+        middle.view_mut((0, 0), (2 * k, 2 * k)).copy_from(&of_pairs);
+        if let Some(correction) = correction {
+            middle.view_mut((2 * k, 2 * k), (m, m)).copy_from(&-correction);
+        }
         middle.iter().all(|m| m.is_finite()).then_some(Compact { memory: self, scaled, middle })
     }
+}
+
+/// A Hessian (row by row) with curvatures that are positive, and large enough for steps against `gradient` to change no unknown by more than
+/// `longest`. `None` if the Hessian is not finite, or zero.
+fn steepened(hessian: &[f64], gradient: &[f64], longest: f64) -> Option<Vec<f64>> {
+    let n = gradient.len();
+    if hessian.len() != n * n || !hessian.iter().all(|h| h.is_finite()) {
+        return None;
+    }
+    let mut eigen = SymmetricEigen::new(DMatrix::from_row_slice(n, n, hessian));
+    let largest = eigen.eigenvalues.max();
+    if !(largest > 0.0 && largest.is_finite()) {
+        return None;
+    }
+    for (value, vector) in eigen.eigenvalues.iter_mut().zip(eigen.eigenvectors.column_iter()) {
+        let slope = vector.iter().zip(gradient).map(|(v, g)| v * g).sum::<f64>();
+        *value = value.max(LEAST_CURVATURE * largest).max(slope.abs() / longest);
+    }
+    Some(eigen.recompose().as_slice().to_vec())
 }
 
 impl Compact<'_> {
@@ -154,9 +196,14 @@ impl Compact<'_> {
         &self.memory.diagonal
     }
 
-    /// Columns of W.
+    /// The columns of [Y, B_0 S].
     fn columns(&self) -> impl Iterator<Item = &Vec<f64>> {
         self.memory.y.iter().chain(&self.scaled)
+    }
+
+    /// The column of D P in which a row is not zero.
+    fn coarse_column(&self, row: usize) -> Option<usize> {
+        self.memory.coarse.as_ref().map(|coarse| 2 * self.scaled.len() + coarse.of[row] as usize)
     }
 
     pub fn middle(&self) -> &DMatrix<f64> {
@@ -165,12 +212,24 @@ impl Compact<'_> {
 
     /// Row `i` of W.
     pub fn row(&self, i: usize) -> DVector<f64> {
-        DVector::from_iterator(self.width(), self.columns().map(|column| column[i]))
+        let mut row = DVector::zeros(self.width());
+        row.iter_mut().zip(self.columns()).for_each(|(to, column)| *to = column[i]);
+        if let Some(column) = self.coarse_column(i) {
+            row[column] = self.memory.diagonal[i];
+        }
+        row
     }
 
     /// Wᵀ v.
     pub fn transposed(&self, v: &[f64]) -> DVector<f64> {
-        DVector::from_iterator(self.width(), self.columns().map(|column| dot(column, v)))
+        let mut product = DVector::zeros(self.width());
+        product.iter_mut().zip(self.columns()).for_each(|(to, column)| *to = dot(column, v));
+        for (i, (v, d)) in v.iter().zip(&self.memory.diagonal).enumerate() {
+            if let Some(column) = self.coarse_column(i) {
+                product[column] += d * v;
+            }
+        }
+        product
     }
 
     /// M v.
@@ -183,6 +242,11 @@ impl Compact<'_> {
         for (column, factor) in self.columns().zip(v.iter()) {
             for (to, &row) in to.iter_mut().zip(rows) {
                 *to += factor * column[row];
+            }
+        }
+        for (to, &row) in to.iter_mut().zip(rows) {
+            if let Some(column) = self.coarse_column(row) {
+                *to += self.memory.diagonal[row] * v[column];
             }
         }
     }
@@ -198,7 +262,24 @@ impl Compact<'_> {
                 gram[(j, i)] = product;
             }
         }
+        for &row in rows {
+            if let Some(of) = self.coarse_column(row) {
+                gram[(of, of)] += self.memory.diagonal[row];
+                for (i, column) in columns.iter().enumerate() {
+                    gram[(i, of)] += column[row];
+                    gram[(of, i)] += column[row];
+                }
+            }
+        }
         gram
+    }
+
+    /// B v.
+    pub fn times(&self, v: &[f64]) -> Vec<f64> {
+        let mut product: Vec<f64> = v.iter().zip(self.diagonal()).map(|(v, d)| d * v).collect();
+        let inner = -self.times_middle(&self.transposed(v));
+        self.add_rows(&inner, &(0..v.len()).collect::<Vec<_>>(), &mut product);
+        product
     }
 }
 
@@ -206,9 +287,17 @@ impl Compact<'_> {
 mod tests {
     use super::*;
 
-    /// B from the rank-two updates, one after the other.
+    /// B from the formula of B_0 and the rank-two updates, one after the other.
     fn dense(memory: &Memory) -> DMatrix<f64> {
-        let mut b = DMatrix::from_diagonal(&DVector::from_column_slice(&memory.diagonal));
+        let d = DMatrix::from_diagonal(&DVector::from_column_slice(&memory.diagonal));
+        let mut b = d.clone();
+        if let Some(coarse) = &memory.coarse {
+            let (n, m) = (coarse.of.len(), coarse.len());
+            let p = DMatrix::from_fn(n, m, |i, j| f64::from(u8::from(coarse.of[i] as usize == j)));
+            let h = DMatrix::from_row_slice(m, m, &coarse.hessian);
+            let of_d = (p.transpose() * &d * &p).try_inverse().expect("positive");
+            b += &d * &p * (&of_d * h * &of_d - &of_d) * p.transpose() * &d;
+        }
         for (s, y) in memory.s.iter().zip(&memory.y) {
             let (s, y) = (DVector::from_column_slice(s), DVector::from_column_slice(y));
             let bs = &b * &s;
@@ -229,17 +318,36 @@ mod tests {
         }
         assert_eq!(memory.s.len(), 3);
         let compact = memory.compact().expect("regular");
-        let b = dense(&memory);
-        for i in 0..n {
-            let mut unit = vec![0.0; n];
+        is_model(&memory, 1e-10);
+    }
+
+    /// That products with B are those with the dense matrix.
+    fn is_model(memory: &Memory, tolerance: f64) {
+        let (compact, b) = (memory.compact().expect("regular"), dense(memory));
+        for i in 0..b.nrows() {
+            let mut unit = vec![0.0; b.nrows()];
             unit[i] = 1.0;
-            let mut column: Vec<f64> = unit.iter().zip(&memory.diagonal).map(|(u, d)| u * d).collect();
-            let inner = -compact.times_middle(&compact.transposed(&unit));
-            compact.add_rows(&inner, &(0..n).collect::<Vec<_>>(), &mut column);
-            for (j, value) in column.iter().enumerate() {
-                assert!((value - b[(j, i)]).abs() < 1e-10 * memory.diagonal[0], "{i} {j}");
+            for (j, value) in compact.times(&unit).iter().enumerate() {
+                assert!((value - b[(j, i)]).abs() < tolerance * b.norm(), "{i} {j}");
             }
         }
+    }
+
+    /// Within the subspace B is the given Hessian, and a later pair is exact along its step.
+    #[test]
+    fn a_hessian_within_a_subspace() {
+        let coarse = CoarseHessian { of: vec![0, 1, 0, 0, 1], hessian: vec![5.0, -2.0, -2.0, 3.0] };
+        let diagonal = Memory::of_diagonal(&[1.0, 2.0, 0.5, 4.0, 3.0], &[0.0; 5], 1.0).expect("a memory");
+        let mut memory = diagonal.within(coarse.clone(), &[0.0; 5], 1.0);
+        is_model(&memory, 1e-12);
+        let b = dense(&memory);
+        let p = DMatrix::from_fn(5, 2, |i, j| f64::from(u8::from(coarse.of[i] as usize == j)));
+        let h = DMatrix::from_row_slice(2, 2, &coarse.hessian);
+        assert!((p.transpose() * b * p - h).norm() < 1e-12);
+        memory.push(vec![1.0, 0.5, 0.0, -0.2, 0.3], vec![3.0, 1.0, 0.5, 0.0, 0.7], 10);
+        is_model(&memory, 1e-12);
+        let s = DVector::from_column_slice(&memory.s[0]);
+        assert!((dense(&memory) * s - DVector::from_column_slice(&memory.y[0])).norm() < 1e-12);
     }
 
     #[test]
@@ -254,8 +362,8 @@ mod tests {
         // A later pair is exact along its step, whatever was given.
         let mut memory = memory;
         memory.push(vec![1.0, 2.0, 0.0, 0.0], vec![3.0, 1.0, 0.5, 0.0], 10);
-        let s = DVector::from_column_slice(&memory.s[4]);
-        assert!((dense(&memory) * s - DVector::from_column_slice(&memory.y[4])).norm() < 1e-10);
+        let s = DVector::from_column_slice(&memory.s[0]);
+        assert!((dense(&memory) * s - DVector::from_column_slice(&memory.y[0])).norm() < 1e-10);
         // Flat along the second unknown: steps are limited.
         let memory = Memory::of_hessian(&[2.0, 0.0, 0.0, 0.0], &[0.0, 0.3], 0.5).expect("a memory");
         assert!((dense(&memory)[(1, 1)] - 0.6).abs() < 1e-12);

@@ -34,6 +34,31 @@ pub enum KnownHessian {
     Whole(Vec<f64>),
     /// The diagonal of the Hessian, not negative; 0 where nothing is known. The optimiser starts from it.
     Diagonal(Vec<f64>),
+    /// The same, and the Hessian within a subspace.
+    DiagonalAndCoarse(Vec<f64>, CoarseHessian),
+}
+
+/// The Hessian of few coarse unknowns z of an objective, where each unknown follows one of them: x = P z.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CoarseHessian {
+    /// Per unknown, the coarse unknown that it follows.
+    pub of: Vec<u32>,
+    /// The Hessian by z, row by row.
+    pub hessian: Vec<f64>,
+}
+
+impl CoarseHessian {
+    /// Number of coarse unknowns.
+    fn len(&self) -> usize {
+        self.hessian.len().isqrt()
+    }
+
+    /// Pᵀ v.
+    fn restricted(&self, v: &[f64]) -> Vec<f64> {
+        let mut sums = vec![0.0; self.len()];
+        self.of.iter().zip(v).for_each(|(&z, v)| sums[z as usize] += v);
+        sums
+    }
 }
 
 /// A step failed. The state is unchanged.

@@ -75,6 +75,19 @@ impl QuasiNewton {
         -0.5 * slope
     }
 
+    /// The Hessian of the model, row by row; `None` where nothing is known.
+    pub fn hessian(&self) -> Option<Vec<f64>> {
+        let compact = self.memory.compact().filter(|_| !self.memory.is_blank())?;
+        let n = self.x().len();
+        let column = |i: usize| {
+            let mut unit = vec![0.0; n];
+            unit[i] = 1.0;
+            compact.times(&unit)
+        };
+        // It is symmetric.
+        Some((0..n).flat_map(column).collect())
+    }
+
     pub(super) fn vectors(&self) -> usize {
         3 * self.options.memory + 10
     }
@@ -103,12 +116,16 @@ impl QuasiNewton {
             true => hessian(&here.x).map_err(StepError::Objective)?,
             false => None,
         };
-        self.by_diagonal |= matches!(given, Some(KnownHessian::Diagonal(_)));
+        self.by_diagonal |= given.as_ref().is_some_and(|given| !matches!(given, KnownHessian::Whole(_)));
         let seeded = match given {
             Some(KnownHessian::Whole(hessian)) => Memory::of_hessian(&hessian, &here.gradient, LONGEST),
             // Later, what the steps have shown is better.
             Some(KnownHessian::Diagonal(diagonal)) if memory.is_blank() => {
                 Memory::of_diagonal(&diagonal, &here.gradient, LONGEST)
+            }
+            Some(KnownHessian::DiagonalAndCoarse(diagonal, coarse)) if memory.is_blank() => {
+                let memory = Memory::of_diagonal(&diagonal, &here.gradient, LONGEST);
+                memory.map(|memory| memory.within(coarse, &here.gradient, LONGEST))
             }
             _ => None,
         };

@@ -1,10 +1,8 @@
 //! Albedo textures over the texture coordinates of meshes.
 
 use super::super::selection::Selected;
-use super::{ParameterBlock, ParameterError, Parameters, Per, What, get, to_unknown};
+use super::{ParameterBlock, ParameterError, Parameters, Per, What};
 use antirad_render::render::Quantity;
-use antirad_scene::Scene;
-use glam::DVec3;
 
 /// Columns and rows of a texture unless stated.
 const RESOLUTION: u32 = 64;
@@ -55,39 +53,32 @@ impl Parameters {
         self.blocks.iter().filter_map(of).collect()
     }
 
-    /// These parameters at a point, with one albedo for each texture.
-    pub(in super::super) fn without_textures(&self, x: &[f64]) -> Result<Self, ParameterError> {
+    /// These parameters with one albedo for each texture, starting at a point; and per unknown, the one of them that it follows.
+    pub(in super::super) fn without_textures(&self, x: &[f64]) -> Result<(Self, Vec<u32>), ParameterError> {
         let fit = |fit: &super::Fit| match fit.per {
             Per::Texel => fit.clone().per(Per::Mesh).resolution(None),
             _ => fit.clone(),
         };
-        // What is stated of initial values is in the scene already.
+        // What is stated of initial values is in the point already.
         let fits: Vec<super::Fit> = self.fits.iter().map(|of| fit(of).initial(None)).collect();
-        Self::new(&self.scene(x), &fits, self.scale(Quantity::Emission))
-    }
-
-    /// The unknowns of these parameters at a scene of [`Self::without_textures`]: texels have the albedo of their triangles.
-    pub(in super::super) fn unknowns_at(&self, scene: &Scene) -> Vec<f64> {
-        let mut x = self.start.clone();
+        // Positions and poses are relative to those of the base scene, here as there.
+        let mut at_rest = x.to_vec();
         for block in &self.blocks {
-            let to = &mut x[block.first..block.first + block.unknowns()];
-            match &block.what {
-                What::Material { quantity, triangles, .. } => {
-                    let Some(&t) = triangles.first() else { continue };
-                    let value = get(scene.material(t as usize), *quantity);
-                    for (to, value) in to.iter_mut().zip(value) {
-                        *to = to_unknown(*quantity, value, block.scale);
-                    }
-                }
-                What::Texture { painting, .. } => {
-                    let painting = &self.paintings[*painting];
-                    let texels = painting.texels_of(|t| DVec3::from(scene.material(t).albedo));
-                    to.iter_mut().zip(texels.iter().flat_map(|t| t.to_array())).for_each(|(to, v)| *to = v);
-                }
-                What::Camera { .. } | What::Motion { .. } | What::Vertex { .. } => {}
+            if matches!(block.what, What::Motion { .. } | What::Vertex { .. } | What::Camera { .. }) {
+                at_rest[block.first..][..block.unknowns()].fill(0.0);
             }
         }
-        self.bounds.project(&mut x);
-        x
+        let mut coarse = Self::new(&self.scene(&at_rest), &fits, self.scale(Quantity::Emission))?;
+        let mut of = vec![0; self.len()];
+        for (fine, block) in self.blocks.iter().zip(&coarse.blocks) {
+            let (first, count) = (block.first, block.unknowns());
+            let members = of[fine.first..][..fine.unknowns()].iter_mut().enumerate();
+            members.for_each(|(k, of)| *of = (first + k % count) as u32);
+            if !matches!(fine.what, What::Texture { .. }) {
+                coarse.start[first..first + count].copy_from_slice(&x[fine.first..][..count]);
+            }
+        }
+        coarse.bounds.project(&mut coarse.start);
+        Ok((coarse, of))
     }
 }

@@ -4,6 +4,7 @@ use super::Operators;
 use super::clusters::Sources;
 use super::completion::{complete, complete_slots};
 use super::far::{self, BLOCK, Light, Received};
+use super::kept_pairs::KeptPairs;
 use super::near_matrix::NearMatrix;
 use super::real::Real;
 use super::reflection;
@@ -27,7 +28,7 @@ impl<T: Real> Operators<T> {
         emission: bool,
         y: &mut Vector<T>,
     ) -> Result<(), TransportError> {
-        let Self { context, outgoing, window, clusters, volumes, near, steps, .. } = self;
+        let Self { context, outgoing, window, clusters, volumes, near, kept, steps, .. } = self;
         let plan = &context.plan;
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
@@ -55,27 +56,24 @@ impl<T: Real> Operators<T> {
                 for (t, to) in &lit {
                     let pairs = &plan.interactions().by_receiver.near;
                     let close = far::Sources::Close { near: pairs, slots: slots.clone() };
-                    sent.add(Kernel::Near, &triangles, close, (*t, to), y, steps)?;
+                    sent.add(Kernel::Near, &triangles, close, (*t, to), None, y, steps)?;
                 }
             }
             add_near_matrix(context, near.as_ref(), Some((g, &triangles)), &outgoing.radiance, y, steps);
+            for (t, to) in &lit {
+                let kept = kept.as_ref().and_then(|kept| kept.of(*t, g));
+                sent.add(Kernel::Far, &triangles, far::triangles(plan, from), (*t, to), kept, y, steps)?;
+            }
             if let Some(clusters) = clusters {
                 if let Some(volumes) = volumes {
                     steps.timed("volumes", "intensities", slots.len() as u64, || {
                         volumes.add(context, &outgoing.radiance, &triangles, backs);
                     });
                 }
-                for sources in [triangles, clusters.sources(plan, g, backs)?] {
-                    for (t, to) in &lit {
-                        sent.add_listed(&sources, (*t, to), y, steps)?;
-                    }
+                let sources = clusters.sources(plan, g, backs)?;
+                for (t, to) in &lit {
+                    sent.add_listed(&sources, (*t, to), y, steps)?;
                 }
-                continue;
-            }
-            for (t, to) in &lit {
-                let (runs, tile) = (&plan.interactions().by_receiver.far, plan.layout.tile);
-                let far = far::Sources::Tiles { runs, tiles: from.tiles.clone(), tile };
-                sent.add(Kernel::Far, &triangles, far, (*t, to), y, steps)?;
             }
         }
         if let Some(volumes) = volumes {
@@ -111,6 +109,7 @@ impl<T: Real> Sent<'_, T> {
         sources: &Sources<T>,
         from: far::Sources,
         (t, to): (usize, &Group),
+        kept: Option<&[KeptPairs<T>]>,
         y: &mut Vector<T>,
         steps: &mut Steps,
     ) -> Result<(), TransportError> {
@@ -122,6 +121,7 @@ impl<T: Real> Sent<'_, T> {
             light: light(self.context, self.radiance, sources),
             sources_page: sources.indices.start,
             receivers_page: slots.start,
+            kept,
         };
         let pairs = |block| received.from.pairs(block);
         steps.over((kernel, received.shape), blocks(&slots), pairs, |blocks| {
@@ -129,7 +129,7 @@ impl<T: Real> Sent<'_, T> {
         })
     }
 
-    /// Adds what far triangles of a group, or its clusters, send, where clusters stand for triangles.
+    /// Adds what clusters send.
     fn add_listed(
         &self,
         sources: &Sources<T>,
@@ -146,7 +146,7 @@ impl<T: Real> Sent<'_, T> {
             clusters: clusters.is_cluster(first).then(|| [clusters.first(), plan.sources()]),
             volumes: clusters.is_volume(first),
         };
-        self.add(Kernel::Far, sources, from, to, y, steps)
+        self.add(Kernel::Far, sources, from, to, None, y, steps)
     }
 }
 

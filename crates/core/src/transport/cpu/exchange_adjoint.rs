@@ -6,6 +6,7 @@ use super::clusters::clusters_of;
 use super::completion::complete;
 use super::exchange::{blocks, show};
 use super::far_adjoint::{Accumulated, Cotangents, Importance, Receivers};
+use super::kept_pairs::KeptFar;
 use super::near_matrix::NearMatrix;
 use super::real::Real;
 use super::scene::{Context, SLOT};
@@ -26,7 +27,7 @@ impl<T: Real> Operators<T> {
         x: &Vector<T>,
         y: &mut Vector<T>,
     ) -> Result<(), TransportError> {
-        let Self { context, window, near_transposed, steps, adjoint, .. } = self;
+        let Self { context, window, near_transposed, kept, steps, adjoint, .. } = self;
         let adjoint = adjoint.as_mut().ok_or(TransportError::NotPlanned)?;
         let plan = &context.plan;
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
@@ -42,19 +43,21 @@ impl<T: Real> Operators<T> {
                 let from = plan.own(s);
                 let slots = plan.layout.slots_of(&from.tiles);
                 let receivers = plan.layout.slots_of(&to.tiles);
-                let mut add = |kernel, of: Receivers| {
+                let mut add = |kernel, of: Receivers, kept| {
                     let importance = received.importance(from.class, of, (0, slots.start));
+                    let importance = Importance { kept, ..importance };
                     let front = adjoint.current_specular[s].as_deref_mut().unwrap_or(&mut []);
                     let radiance = &mut adjoint.current_radiance;
                     let to = Accumulated { radiance, back: &mut y.bins[s], front };
                     add(kernel, &importance, blocks(&slots), to, steps)
                 };
                 if near_transposed.is_none() {
-                    add(Kernel::NearAdjoint, Receivers::Close { near: &lists.near, slots: receivers })?;
+                    add(Kernel::NearAdjoint, Receivers::Close { near: &lists.near, slots: receivers }, None)?;
                 }
                 if plan.clusters().is_none() {
                     let (runs, tiles, tile) = (&lists.far, to.tiles.clone(), plan.layout.tile);
-                    add(Kernel::FarAdjoint, Receivers::Tiles { runs, tiles, tile })?;
+                    let kept = kept.as_ref().and_then(|kept| kept.of(t, s));
+                    add(Kernel::FarAdjoint, Receivers::Tiles { runs, tiles, tile }, kept)?;
                 }
             }
         }
@@ -62,7 +65,15 @@ impl<T: Real> Operators<T> {
         if plan.clusters().is_some() {
             for s in 0..plan.layout.groups.len() {
                 let back = Some(&mut y.bins[s]);
-                cluster_cotangents(context, adjoint, s, back, x, window, steps)?;
+                cluster_cotangents(
+                    context,
+                    adjoint,
+                    s,
+                    back.map(|back| (back, kept.as_ref())),
+                    x,
+                    window,
+                    steps,
+                )?;
             }
         }
         Ok(())
@@ -88,6 +99,7 @@ impl<'a, T: Real> Received<'a, T> {
             receivers_page: self.context.plan.layout.slots_of(&self.to.tiles).start,
             radiance_page: pages.0,
             bins_page: pages.1,
+            kept: None,
         }
     }
 }
@@ -126,7 +138,7 @@ fn add<T: Real>(
 }
 
 /// Computes the whole cotangents of the light of the clusters of a group, with those of the clusters that
-/// contain them. With `back`, the bins of the group's triangles in a state of the adjoint, adds those of its
+/// contain them. With `back`, the bins of the group's triangles in a state of the adjoint and the pairs that are kept, adds those of its
 /// triangles from far receivers, too.
 ///
 /// # Errors
@@ -136,7 +148,7 @@ pub fn cluster_cotangents<T: Real>(
     context: &Context<T>,
     adjoint: &mut AdjointArrays<T>,
     group: usize,
-    mut back: Option<&mut Vec<T>>,
+    mut back: Option<(&mut Vec<T>, Option<&KeptFar<T>>)>,
     x: &Vector<T>,
     window: &mut Option<Array<T>>,
     steps: &mut Steps,
@@ -167,8 +179,9 @@ pub fn cluster_cotangents<T: Real>(
         let importance = received.importance(run.class, of, (first, page));
         let accumulated = cotangents.accumulated(run.class);
         add(Kernel::FarAdjoint, &importance, lists.groups(&sources), accumulated, steps)?;
-        if let Some(back) = &mut back {
+        if let Some((back, kept)) = &mut back {
             let importance = received.importance(own.class, listed(slots.clone(), None), (0, slots.start));
+            let importance = Importance { kept: kept.and_then(|kept| kept.of(t, group)), ..importance };
             let to = Accumulated { radiance: &mut *current_radiance, back, front: &mut *front };
             add(Kernel::FarAdjoint, &importance, lists.groups(&slots), to, steps)?;
         }
@@ -182,7 +195,7 @@ pub fn cluster_cotangents<T: Real>(
     }
     steps.timed("clusters", "cotangents", run.range().len() as u64, || {
         cotangents.within(context, (all, run));
-        if let Some(back) = back {
+        if let Some((back, _)) = back {
             cotangents.to_triangles(context, (all, run), &slots, current_radiance, [back, front]);
         }
     });

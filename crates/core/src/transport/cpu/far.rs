@@ -1,12 +1,13 @@
 //! U from far sources, point to point, and the walk over blocks of receivers. Twin of crates/core/glsl/transport_irradiance.comp, transport_bins.comp,
 //! cluster_irradiance.comp and cluster_bins.comp.
 
+use super::kept_pairs::{KeptPair, KeptPairs};
 use super::pairs::{CLUSTERS, Facet, Facets, Pairs, TRIANGLES, VOLUMES};
 use super::pieces::Pieces;
 use super::real::Real;
 use super::taps::{Layout, add, flush};
 use crate::model::{Class, ENTRY_BITS, LIST, SourceLists};
-use crate::plan::{FarRuns, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
+use crate::plan::{FarRuns, Group, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::transport::shape::Shape;
 use antirad_gpu::vectorised;
 use rayon::prelude::*;
@@ -33,6 +34,8 @@ pub struct Received<'a, T> {
     pub sources_page: u32,
     /// The slot with which those of the receivers begin.
     pub receivers_page: u32,
+    /// What passes, by block of receivers from that slot on, where it is kept.
+    pub kept: Option<&'a [KeptPairs<T>]>,
 }
 
 /// The sources of blocks of receivers.
@@ -104,7 +107,13 @@ impl<T: Real> Received<'_, T> {
         let state = || Scratch::new(if self.shape.receiver_bins { N * layout.count } else { 0 });
         let received = |scratch: &mut Scratch<T>, (block, incident): (u32, &mut [T])| match &self.from {
             Sources::Close { near, slots } => self.close_block((near, slots), block, scratch, incident),
-            _ => self.block(block, scratch, incident),
+            _ => match self.kept {
+                Some(kept) => {
+                    let kept = &kept[(block - self.receivers_page / BLOCK) as usize];
+                    self.kept_block(kept, &mut scratch.bins, incident)
+                }
+                None => self.block(block, scratch, incident),
+            },
         };
         let close = matches!(self.from, Sources::Close { .. });
         let small = if close { SMALL / CLOSE_COST } else { SMALL };
@@ -124,9 +133,7 @@ impl<T: Real> Received<'_, T> {
     /// Adds to the bins of the receivers of a block, and returns the sums of all directions.
     fn block(&self, block: u32, scratch: &mut Scratch<T>, incident: &mut [T]) -> [[T; 4]; N] {
         let light = &self.light;
-        let receivers = Facets::<T, N>::new(|k| Facet::read(light.facets, block * BLOCK + k as u32));
-        // Padding is within the horizon of everything.
-        let exists: [T; N] = std::array::from_fn(|k| flag(receivers.get(k).area > T::ZERO));
+        let (receivers, exists) = self.receivers(block);
         let layout = &light.layout;
         let (clusters, kind) = (self.from.clusters(), self.from.kind());
         let Scratch { pairs, bins, .. } = scratch;
@@ -140,23 +147,10 @@ impl<T: Real> Received<'_, T> {
             if !fronts && !backs {
                 return;
             }
-            let source = Facet::read(light.facets, index);
-            let sides = [flag::<T>(fronts), flag(backs)];
-            let sides = |k: usize| [sides[0] * exists[k], sides[1] * exists[k]];
             vectorised(
                 #[inline(always)]
                 || {
-                    match kind {
-                        VOLUMES => pairs.weigh::<VOLUMES>(|_| source, |k| receivers.get(k), sides),
-                        CLUSTERS => pairs.weigh::<CLUSTERS>(|_| source, |k| receivers.get(k), sides),
-                        _ => pairs.weigh::<TRIANGLES>(|_| source, |k| receivers.get(k), sides),
-                    }
-                    if bits & PAIR_NEAR != 0 {
-                        let areas = |k| source.characteristic_area + receivers.get(k).characteristic_area;
-                        pairs.blend(light.half_range, areas, |_| T::ONE);
-                    }
-                    let passing = pairs.passing();
-                    if passing == [false; 2] {
+                    if self.pass((index, bits), &receivers, &exists, pairs) == [false; 2] {
                         return;
                     }
                     any = true;
@@ -165,12 +159,6 @@ impl<T: Real> Received<'_, T> {
                         return sent.add_diffuse(pairs, &mut planes);
                     }
                     let glossy = self.shape.source.glossy;
-                    if passing[0] && glossy || passing[1] {
-                        pairs.aim_from(layout, |_| source);
-                    }
-                    if self.shape.receiver_bins {
-                        pairs.aim_at(layout, |k| receivers.get(k));
-                    }
                     let (front, back) =
                         light.bins_of(index - self.sources_page, Class { blocker: backs, glossy });
                     for k in 0..N {
@@ -187,15 +175,127 @@ impl<T: Real> Received<'_, T> {
             );
         });
         if any && self.shape.receiver_bins {
-            let own = bins.chunks_exact_mut(layout.count).zip(incident.chunks_exact_mut(light.bins));
-            own.for_each(|(bins, to)| {
-                flush(layout, bins, |bin| T::ONE / light.bin_table[SLOT * bin + 3], to)
-            });
+            self.flush(bins, incident);
         }
         if !self.shape.any_bins() {
             sums = std::array::from_fn(|k| [planes[0][k], planes[1][k], planes[2][k], T::ZERO]);
         }
         sums
+    }
+}
+
+impl<T: Real> Received<'_, T> {
+    /// Sets what passes from a source to the receivers of a block, and the bins at both ends; whether fronts send anything, and backs. `bits`: what
+    /// may pass.
+    #[inline(always)]
+    fn pass(
+        &self,
+        (index, bits): (u32, u32),
+        receivers: &Facets<T, N>,
+        exists: &[T; N],
+        pairs: &mut Pairs<T, N>,
+    ) -> [bool; 2] {
+        let light = &self.light;
+        let source = Facet::read(light.facets, index);
+        let backs = self.shape.source.blocker && bits & PAIR_BACK != 0;
+        let sides = [flag::<T>(bits & PAIR_FRONT != 0), flag(backs)];
+        let sides = |k: usize| [sides[0] * exists[k], sides[1] * exists[k]];
+        match self.from.kind() {
+            VOLUMES => pairs.weigh::<VOLUMES>(|_| source, |k| receivers.get(k), sides),
+            CLUSTERS => pairs.weigh::<CLUSTERS>(|_| source, |k| receivers.get(k), sides),
+            _ => pairs.weigh::<TRIANGLES>(|_| source, |k| receivers.get(k), sides),
+        }
+        if bits & PAIR_NEAR != 0 {
+            let areas = |k| source.characteristic_area + receivers.get(k).characteristic_area;
+            pairs.blend(light.half_range, areas, |_| T::ONE);
+        }
+        let passing = pairs.passing();
+        if passing[0] && self.shape.source.glossy || passing[1] {
+            pairs.aim_from(&light.layout, |_| source);
+        }
+        if passing != [false; 2] && self.shape.receiver_bins {
+            pairs.aim_at(&light.layout, |k| receivers.get(k));
+        }
+        passing
+    }
+
+    /// What passes to the receivers of a block, to be kept.
+    pub fn keep(&self, block: u32, pairs: &mut Pairs<T, N>) -> KeptPairs<T> {
+        let (receivers, exists) = self.receivers(block);
+        let mut kept = KeptPairs::NONE;
+        self.from.visit(block, |index, bits| {
+            let passing = vectorised(
+                #[inline(always)]
+                || self.pass((index, bits & self.passing), &receivers, &exists, pairs),
+            );
+            if passing != [false; 2] {
+                kept.push(index, pairs, self.shape);
+            }
+        });
+        kept
+    }
+
+    /// [`block`](Self::block), from what is kept.
+    fn kept_block(&self, kept: &KeptPairs<T>, bins: &mut [[T; 4]], incident: &mut [T]) -> [[T; 4]; N] {
+        let Light { layout, .. } = &self.light;
+        let Class { blocker, glossy, .. } = self.shape.source;
+        let class = Class { blocker: blocker && self.passing & PAIR_BACK != 0, glossy };
+        let mut sums = [[T::ZERO; 4]; N];
+        for (source, pairs) in kept.of(&(0..u32::MAX), glossy) {
+            let radiance = self.light.radiance(source);
+            let (front, back) = self.light.bins_of(source - self.sources_page, class);
+            for KeptPair { receiver, weight, at_receiver, at_source } in pairs {
+                let mut value = [T::ZERO; 4];
+                if weight > T::ZERO {
+                    add(&mut value, weight, radiance);
+                }
+                let from = if weight > T::ZERO { front } else { back };
+                match at_source {
+                    Some(tap) if !from.is_empty() => add(&mut value, weight, tap.gather(layout, from)),
+                    // Without incident light there is no antiradiance.
+                    _ if weight < T::ZERO => continue,
+                    _ => {}
+                }
+                if let Some(tap) = at_receiver {
+                    tap.scatter(layout, &mut bins[receiver * layout.count..][..layout.count], value);
+                }
+                add(&mut sums[receiver], T::ONE, value);
+            }
+        }
+        if self.shape.receiver_bins {
+            self.flush(bins, incident);
+        }
+        sums
+    }
+
+    /// The receivers of a block, and 1 for those that exist: padding is within the horizon of everything.
+    fn receivers(&self, block: u32) -> (Facets<T, N>, [T; N]) {
+        let receivers = Facets::<T, N>::new(|k| Facet::read(self.light.facets, block * BLOCK + k as u32));
+        let exists = std::array::from_fn(|k| flag(receivers.get(k).area > T::ZERO));
+        (receivers, exists)
+    }
+
+    /// Adds the bins of a block to those in memory, and clears them.
+    fn flush(&self, bins: &mut [[T; 4]], incident: &mut [T]) {
+        let Light { layout, bin_table, .. } = &self.light;
+        let own = bins.chunks_exact_mut(layout.count).zip(incident.chunks_exact_mut(self.light.bins));
+        own.for_each(|(bins, to)| flush(layout, bins, |bin| T::ONE / bin_table[SLOT * bin + 3], to));
+    }
+}
+
+/// The far triangles of a group, where each of them stands for itself.
+pub fn triangles<'a>(plan: &'a Plan, group: &Group) -> Sources<'a> {
+    match plan.clusters() {
+        None => {
+            let (runs, tile) = (&plan.interactions().by_receiver.far, plan.layout.tile);
+            Sources::Tiles { runs, tiles: group.tiles.clone(), tile }
+        }
+        Some(clusters) => Sources::Listed {
+            lists: clusters.sources(),
+            indices: plan.layout.slots_of(&group.tiles),
+            clusters: None,
+            volumes: false,
+        },
     }
 }
 

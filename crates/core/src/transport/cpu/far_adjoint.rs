@@ -2,6 +2,7 @@
 //! crates/core/glsl/transport_irradiance_adjoint.comp, transport_bins_adjoint.comp and cluster_adjoint.comp.
 
 use super::far::{CLOSE_COST, SLOT, SMALL, flag};
+use super::kept_pairs::{KeptPair, KeptPairs};
 use super::pairs::{CLUSTERS, Facet, Facets, Pairs, TRIANGLES};
 use super::pieces::Pieces;
 use super::real::Real;
@@ -29,6 +30,8 @@ pub struct Importance<'a, T> {
     pub radiance_page: u32,
     /// The index with which the cotangents of the sources' bins begin.
     pub bins_page: u32,
+    /// What passes to the receivers, by block of [`LIST`] from that slot on, where it is kept.
+    pub kept: Option<&'a [KeptPairs<T>]>,
 }
 
 /// The arrays in which a pass accumulates the cotangents of the light of sources: of radiance, and of bins
@@ -157,15 +160,16 @@ impl<T: Real> Importance<'_, T> {
             let count = |has| if has { N * layout.count } else { 0 };
             Scratch::<T, N>::new([source.blocker, source.glossy].map(count))
         };
-        let summed =
-            |scratch: &mut Scratch<T, N>, (block, (back, front)): (u32, (&mut [T], &mut [T]))| match &self.of
-            {
-                Receivers::Close { near, slots } => {
-                    self.close_block((near, slots), block, scratch, [back, front])
-                }
-                Receivers::Tiles { .. } => self.block(block, scratch, [back, front]),
-                Receivers::Listed { .. } => self.listed_block(block, scratch, [back, front]),
-            };
+        let summed = |scratch: &mut Scratch<T, N>, (block, (back, front)): (u32, (&mut [T], &mut [T]))| match (
+            &self.of, self.kept,
+        ) {
+            (Receivers::Close { near, slots }, _) => {
+                self.close_block((near, slots), block, scratch, [back, front])
+            }
+            (_, Some(kept)) => self.kept_block(kept, block, scratch, [back, front]),
+            (Receivers::Tiles { .. }, _) => self.block(block, scratch, [back, front]),
+            (Receivers::Listed { .. }, _) => self.listed_block(block, scratch, [back, front]),
+        };
         let close = matches!(self.of, Receivers::Close { .. });
         let small = if close { SMALL / CLOSE_COST } else { SMALL };
         let small = blocks.clone().map(|block| self.of.pairs(block)).sum::<u64>() <= small;
@@ -285,6 +289,44 @@ impl<T: Real> Importance<'_, T> {
                 sums[0] = [planes[0][k], planes[1][k], planes[2][k], T::ZERO];
             }
         }
+        sums
+    }
+
+    /// [`block`](Self::block), from what is kept.
+    fn kept_block<const N: usize>(
+        &self,
+        kept: &[KeptPairs<T>],
+        block: u32,
+        scratch: &mut Scratch<T, N>,
+        [back, front]: [&mut [T]; 2],
+    ) -> [Sums<T>; N] {
+        let (own, cotangents) = (self.of.sources(block), &self.cotangents);
+        let layout = &cotangents.layout;
+        let Scratch { backs: back_bins, fronts: front_bins, .. } = scratch;
+        let mut sums = [[[T::ZERO; 4]; 4]; N];
+        for (first, kept) in (self.receivers_page..).step_by(M).zip(kept) {
+            for (source, pairs) in kept.of(&own, self.shape.source.glossy) {
+                let k = (source - own.start) as usize;
+                let bins = k * layout.count..(k + 1) * layout.count;
+                for KeptPair { receiver, weight, at_receiver, at_source } in pairs {
+                    let slot = first + receiver as u32;
+                    let mut importance = cotangents.of_irradiance(slot);
+                    if let Some(tap) = at_receiver {
+                        let incident = cotangents.of_bins(slot - self.receivers_page, true);
+                        add(&mut importance, T::ONE, tap.gather(layout, incident));
+                    }
+                    let value = scaled(weight, importance);
+                    if weight > T::ZERO {
+                        add(&mut sums[k][0], T::ONE, value);
+                    }
+                    if let Some(tap) = at_source {
+                        let of = if weight > T::ZERO { &mut *front_bins } else { &mut *back_bins };
+                        tap.scatter(layout, &mut of[bins.clone()], value);
+                    }
+                }
+            }
+        }
+        cotangents.flush([back_bins, front_bins], [back, front]);
         sums
     }
 

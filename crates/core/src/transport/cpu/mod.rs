@@ -18,6 +18,7 @@ mod exchanged;
 mod far;
 mod far_adjoint;
 mod far_derivative;
+mod kept_pairs;
 mod lobes;
 mod near_matrix;
 mod observation;
@@ -48,6 +49,7 @@ use antirad_base::usage::LabelReport;
 use antirad_scene::Scene;
 use clusters::ClusterLight;
 use glam::DVec3;
+use kept_pairs::KeptFar;
 use near_matrix::NearMatrix;
 use scene::{Context, Outgoing, SceneArrays, reals, rows, values};
 use state::Pool;
@@ -70,6 +72,8 @@ pub struct Operators<T: Real> {
     /// The near-field matrix and its transpose; `None` where close pairs are evaluated in each pass.
     near: Option<NearMatrix<T>>,
     near_transposed: Option<NearMatrix<T>>,
+    /// Far pairs; `None` where they are evaluated in each pass.
+    kept: Option<KeptFar<T>>,
     /// Cotangents; `None` where no gradients are planned.
     adjoint: Option<AdjointArrays<T>>,
     steps: Steps,
@@ -85,29 +89,28 @@ impl<T: Real> Operators<T> {
         unit: f64,
     ) -> Result<Self, TransportError> {
         let cpu = cpu.scope();
+        let scene = SceneArrays::new(&cpu, scene, &plan, emitted, unit)?;
+        let context = Context { layout: taps::Layout::of(&plan), scene, cpu, plan };
+        let Context { cpu, plan, .. } = &context;
         let matrix = plan.near_field_matrix();
-        let near = matrix.map(|matrix| NearMatrix::new(&cpu, &matrix.forward)).transpose()?;
+        let near = matrix.map(|matrix| NearMatrix::new(cpu, &matrix.forward)).transpose()?;
         let transposed = matrix.and_then(|matrix| matrix.transposed.as_ref());
         let largest = plan.largest_group(|group| group.class.has_bins());
         let window = || cpu.array("state: bins", scene::count::<T>(u64::from(largest) * plan.tile_bytes()));
         let several = plan.options.ranks > 1 && largest > 0;
         Ok(Self {
-            outgoing: Outgoing::new(&cpu, &plan)?,
-            pool: Pool::new(&cpu, &plan)?,
+            outgoing: Outgoing::new(cpu, plan)?,
+            pool: Pool::new(cpu, plan)?,
             window: several.then(window).transpose()?,
             window_beside: (several && plan.shows_two()).then(window).transpose()?,
-            clusters: ClusterLight::new(&cpu, &plan)?,
-            volumes: VolumeLight::new(&cpu, &plan)?,
+            clusters: ClusterLight::new(cpu, plan)?,
+            volumes: VolumeLight::new(cpu, plan)?,
             near,
-            near_transposed: transposed.map(|matrix| NearMatrix::new(&cpu, matrix)).transpose()?,
-            adjoint: AdjointArrays::new(&cpu, &plan)?,
-            steps: Steps::new(&cpu),
-            context: Context {
-                layout: taps::Layout::of(&plan),
-                scene: SceneArrays::new(&cpu, scene, &plan, emitted, unit)?,
-                cpu,
-                plan,
-            },
+            near_transposed: transposed.map(|matrix| NearMatrix::new(cpu, matrix)).transpose()?,
+            kept: KeptFar::new(&context)?,
+            adjoint: AdjointArrays::new(cpu, plan)?,
+            steps: Steps::new(cpu),
+            context,
         })
     }
 

@@ -238,28 +238,22 @@ impl<T: Real, const N: usize> Taps<T, N> {
         }
     }
 
+    /// The bilinear weights of a direction.
     #[inline(always)]
-    fn of(&self, k: usize, layout: &Layout<T>) -> [(usize, T); 4] {
-        let (first, next) = (self.first[k] as usize, (self.first[k] + self.next[k]) as usize);
-        let (t, s) = (self.t[k], self.s[k]);
-        let (u, v) = (T::ONE - t, T::ONE - s);
-        [(first, u * v), (next, u * s), (first + layout.stride, t * v), (next + layout.stride, t * s)]
+    pub fn tap(&self, k: usize) -> Tap<T> {
+        Tap { first: self.first[k] as u16, next: self.next[k] as i16, t: self.t[k], s: self.s[k] }
     }
 
     /// Σ_b T_b values\[b\], RGB, of the values of a triangle as they are in memory.
     #[inline(always)]
     pub fn gather(&self, k: usize, layout: &Layout<T>, values: &[T]) -> [T; 4] {
-        let mut sum = [T::ZERO; 4];
-        for (bin, weight) in self.of(k, layout) {
-            add(&mut sum, weight, layout.rgb(values, bin));
-        }
-        sum
+        self.tap(k).gather(layout, values)
     }
 
     /// The four terms of Σ_b T_b values\[b\]: weights, and RGB values.
     #[inline(always)]
     pub fn terms(&self, k: usize, layout: &Layout<T>, values: &[T]) -> [(T, [T; 4]); 4] {
-        let [a, b, c, d] = self.of(k, layout);
+        let [a, b, c, d] = self.tap(k).of(layout);
         let term = |(bin, weight)| (weight, layout.rgb(values, bin));
         [term(a), term(b), term(c), term(d)]
     }
@@ -274,7 +268,43 @@ impl<T: Real, const N: usize> Taps<T, N> {
     /// Scatters a value to the four bins: bins\[b\] += T_b value.
     #[inline(always)]
     pub fn scatter(&self, k: usize, layout: &Layout<T>, bins: &mut [[T; 4]], value: [T; 4]) {
-        for (bin, weight) in self.of(k, layout) {
+        self.tap(k).scatter(layout, bins, value);
+    }
+}
+
+/// The bilinear weights of a direction. A plan has no more bins than 16 bits count.
+#[derive(Clone, Copy)]
+pub struct Tap<T> {
+    first: u16,
+    next: i16,
+    t: T,
+    s: T,
+}
+
+impl<T: Real> Tap<T> {
+    #[inline(always)]
+    fn of(&self, layout: &Layout<T>) -> [(usize, T); 4] {
+        let Self { t, s, .. } = *self;
+        let first = self.first as usize;
+        let next = first.wrapping_add_signed(self.next.into());
+        let (u, v) = (T::ONE - t, T::ONE - s);
+        [(first, u * v), (next, u * s), (first + layout.stride, t * v), (next + layout.stride, t * s)]
+    }
+
+    /// Σ_b T_b values\[b\], RGB, of the values of a triangle as they are in memory.
+    #[inline(always)]
+    pub fn gather(&self, layout: &Layout<T>, values: &[T]) -> [T; 4] {
+        let mut sum = [T::ZERO; 4];
+        for (bin, weight) in self.of(layout) {
+            add(&mut sum, weight, layout.rgb(values, bin));
+        }
+        sum
+    }
+
+    /// Scatters a value to the four bins: bins\[b\] += T_b value.
+    #[inline(always)]
+    pub fn scatter(&self, layout: &Layout<T>, bins: &mut [[T; 4]], value: [T; 4]) {
+        for (bin, weight) in self.of(layout) {
             add(&mut bins[bin], weight, value);
         }
     }
