@@ -463,7 +463,8 @@ impl Job {
         tracing::info!("first with one albedo for each texture");
         let (coarse, of) = self.problem.parameters.without_textures(x)?;
         let fine = std::mem::replace(&mut self.problem.parameters, coarse);
-        let regularisers = std::mem::take(&mut self.problem.regularisers);
+        let regularisers = Regularisers::applicable(&self.settings.regularisers, &self.problem.parameters);
+        let regularisers = std::mem::replace(&mut self.problem.regularisers, regularisers);
         let settings = self.settings.clone().gauss_newton(self.settings.gauss_newton.max(COARSE_PICTURES));
         let settings = std::mem::replace(&mut self.settings, settings);
         let found = self.coarse(renderer, watch);

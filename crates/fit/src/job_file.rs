@@ -138,6 +138,11 @@ const TOLERANCE_OF_PHOTOGRAPHS: f64 = 3e-4;
 /// tenth and keeps lines that differ by a fifth.
 const EVENNESS: f64 = 0.1;
 
+/// Weight of the prior of albedos of photographs unless regularisers are stated, and what they are near: only what pictures leave open follows it,
+/// such as the albedo of a lamp, whose own light outshines what it reflects.
+const OPEN: f64 = 0.01;
+const USUAL_ALBEDO: f64 = 0.5;
+
 /// Relative decrease of the loss below which a fit of photographs ends: most of their loss is noise.
 const DECREASE_OF_PHOTOGRAPHS: f64 = 1e-3;
 
@@ -314,6 +319,11 @@ impl JobFile {
         }
         if table.regulariser.is_empty() && settings.fits.iter().any(|fit| fit.per == Per::Texel) {
             settings.regularisers.push(Regulariser::TotalVariation { weight: EVENNESS });
+        }
+        let fits_albedo = settings.fits.iter().any(|fit| fit.quantity == Quantity::Albedo);
+        if table.regulariser.is_empty() && are_photographs && fits_albedo {
+            let value = Some([USUAL_ALBEDO; 3]);
+            settings.regularisers.push(Regulariser::Prior { of: Quantity::Albedo, value, weight: OPEN });
         }
         for term in &table.regulariser {
             let regulariser =

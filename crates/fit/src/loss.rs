@@ -38,8 +38,8 @@ pub enum LossKind {
     /// |s(v) - s(t)| with s(v) = sign(v) ln(1 + |v|/ε): compares ratios, is robust against outliers, and admits slightly
     /// negative v, which antiradiance can cause. Its derivative is discontinuous at v = t and taken as 0 there.
     LogL1,
-    /// u² for |u| up to a threshold k, and k (2 |u| - k) beyond, with u = d / √(m² + ε²) and m the mean of the target over 5 x 5
-    /// pixels: relative like [`Self::RelativeL2`], but outliers count by their size alone, and noise of the target does not
+    /// u² for |u| up to a threshold k, and k (2 |u| - k) beyond, with u = d / √(m² + ε²) and m the mean of the target over the
+    /// 5 x 5 pixels around, without the pixel itself: relative like [`Self::RelativeL2`], but outliers count by their size alone, and noise of the target does not
     /// decide what it counts (Huber 1964). The loss for photos.
     Huber,
 }
@@ -136,7 +136,8 @@ impl Loss {
     }
 }
 
-/// Means of a target over squares of pixels, of those that count.
+/// Means of a target over the squares around its pixels, of those that count, without the pixel itself: its noise would make it count the less
+/// the brighter it happens to be, and fits too dark.
 fn local_means(target: &Target) -> Vec<DVec3> {
     let (width, height) = (target.camera.width as usize, target.camera.height as usize);
     let around = |at: usize, end: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(end);
@@ -146,7 +147,7 @@ fn local_means(target: &Target) -> Vec<DVec3> {
             for column in around(at % width, width) {
                 let near = row * width + column;
                 let counts = target.mask_at(near);
-                if counts > 0.0 {
+                if counts > 0.0 && near != at {
                     sum += counts * target.pixels[near];
                     weight += counts;
                 }

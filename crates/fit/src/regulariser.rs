@@ -39,7 +39,8 @@ pub enum Regulariser {
         /// Weight, dimensionless.
         weight: f64,
     },
-    /// Values stay near `value` (`None`: near their initial values): the mean of the squared difference of the unknowns.
+    /// Values stay near `value` (`None`: near their initial values): the mean of the squared difference of the unknowns, in which a texture
+    /// counts as one.
     Prior {
         /// The quantity.
         of: Quantity,
@@ -83,11 +84,30 @@ pub struct Regularisers {
 
 #[derive(Clone, Debug)]
 enum Term {
-    Smoothness { of: Quantity, pairs: Vec<[u32; 2]>, weight: f64, scale: f64 },
-    Laplacian { places: Vec<Vec<u32>>, neighbours: Vec<Vec<usize>>, weight: f64, scale: f64 },
-    Sparsity { areas: Vec<(u32, f64)>, weight: f64 },
-    TotalVariation { textures: Vec<(usize, [u32; 2])>, weight: f64 },
-    Prior { unknowns: Vec<(usize, f64)>, weight: f64 },
+    Smoothness {
+        of: Quantity,
+        pairs: Vec<[u32; 2]>,
+        weight: f64,
+        scale: f64,
+    },
+    Laplacian {
+        places: Vec<Vec<u32>>,
+        neighbours: Vec<Vec<usize>>,
+        weight: f64,
+        scale: f64,
+    },
+    Sparsity {
+        areas: Vec<(u32, f64)>,
+        weight: f64,
+    },
+    TotalVariation {
+        textures: Vec<(usize, [u32; 2])>,
+        weight: f64,
+    },
+    /// Unknowns with their values and weights.
+    Prior {
+        unknowns: Vec<(usize, f64, f64)>,
+    },
 }
 
 /// Differences of albedo between texels from which on they are edges.
@@ -101,6 +121,11 @@ impl Regularisers {
     pub fn new(terms: &[Regulariser], parameters: &Parameters) -> Result<Self, (usize, String)> {
         let term = |(at, term): (usize, &Regulariser)| term_of(term, parameters).map_err(|error| (at, error));
         Ok(Self { terms: terms.iter().enumerate().map(term).collect::<Result<_, _>>()? })
+    }
+
+    /// The regularisers that apply to what is fitted.
+    pub fn applicable(terms: &[Regulariser], parameters: &Parameters) -> Self {
+        Self { terms: terms.iter().filter_map(|term| term_of(term, parameters).ok()).collect() }
     }
 
     /// The value of each term at some unknowns and their scene; adds the derivatives by the scene and by the unknowns.
@@ -133,9 +158,9 @@ impl Regularisers {
                 };
                 textures.iter().map(of).sum()
             }
-            Term::Prior { unknowns, weight } => {
+            Term::Prior { unknowns } => {
                 let mut sum = 0.0;
-                for &(i, prior) in unknowns {
+                for &(i, prior, weight) in unknowns {
                     let d = x[i] - prior;
                     sum += weight * d * d;
                     by_unknowns[i] += 2.0 * weight * d;
@@ -220,8 +245,14 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
                     format!("the prior of a {} is where it starts: leave `value` out", of.word())
                 })?,
             };
-            let weight = weight / unknowns.len() as f64;
-            Ok(Term::Prior { unknowns: unknowns.into_iter().zip(values).collect(), weight })
+            let values: Vec<f64> = values;
+            let groups = parameters.groups_of(*of);
+            let weights = groups.iter().flat_map(|group| {
+                let weight = weight / (groups.len() * group.len()) as f64;
+                group.clone().map(move |_| weight)
+            });
+            let unknowns = unknowns.into_iter().zip(values).zip(weights);
+            Ok(Term::Prior { unknowns: unknowns.map(|((i, value), weight)| (i, value, weight)).collect() })
         }
     }
 }

@@ -28,6 +28,7 @@ use antirad_scene::{Material, Painting, Scene, bounds};
 use glam::DVec3;
 use pose::Pose;
 use std::collections::{HashMap, HashSet};
+use std::ops::Range;
 
 /// A [`Fit`] is invalid for the scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -443,8 +444,13 @@ impl Parameters {
 
     /// Unknowns of a quantity, for regularisers.
     pub fn unknowns_of(&self, quantity: Quantity) -> Vec<usize> {
+        self.groups_of(quantity).into_iter().flatten().collect()
+    }
+
+    /// The same, by group: the channels of a colour, the texels of a texture, the coordinates of a motion.
+    pub fn groups_of(&self, quantity: Quantity) -> Vec<Range<usize>> {
         let blocks = self.blocks.iter().filter(|block| self.fits[block.fit].quantity == quantity);
-        blocks.flat_map(|block| block.first..block.first + block.unknowns()).collect()
+        blocks.map(|block| block.first..block.first + block.unknowns()).collect()
     }
 
     /// Groups of unknowns whose derivatives one change of the scene shows: the channels of a colour, which do not mix in any
