@@ -116,6 +116,8 @@ const PROMISED: f64 = 10.0;
 const COARSE_PICTURES: usize = 40;
 const COARSE_ITERATIONS: u32 = 12;
 const COARSE_DECREASE: f64 = 1e-2;
+/// Share of the loss that a candidate for a lamp must explain.
+const DARK: f64 = 1e-2;
 
 /// Why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -194,6 +196,11 @@ impl FitProgress {
     /// Finished iterations.
     pub fn iteration(&self) -> u32 {
         self.history.last().map_or(0, |record| record.iteration)
+    }
+
+    /// The latest loss.
+    fn loss(&self) -> f64 {
+        self.history.last().map_or(f64::INFINITY, |record| record.loss)
     }
 
     fn stop(&self, rule: &StopRule) -> Option<Stop> {
@@ -469,7 +476,8 @@ impl Job {
         let settings = std::mem::replace(&mut self.settings, settings);
         let found = self.coarse(renderer, watch);
         (self.problem.parameters, self.problem.regularisers, self.settings) = (fine, regularisers, settings);
-        let optimiser = found?;
+        let (optimiser, dark) = found?;
+        dark.into_iter().for_each(|block| self.problem.parameters.hold_at_zero(block));
         let x = of.iter().map(|&z| optimiser.best()[z as usize]).collect();
         let hessian = match optimiser {
             Optimiser::QuasiNewton(optimiser) => optimiser.hessian(),
@@ -478,14 +486,56 @@ impl Job {
         Ok((x, hessian.map(|hessian| CoarseHessian { of, hessian })))
     }
 
-    /// The optimiser after a few steps.
+    /// The optimiser after a few steps, and the blocks of candidates for lamps that are dark: without which the pictures are explained as well.
     fn coarse(
         &self,
         renderer: &mut dyn Renderer,
         watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
-    ) -> Result<Optimiser, FitError> {
+    ) -> Result<(Optimiser, Vec<usize>), FitError> {
+        let mut best = self.few_steps(self.new_optimiser(), renderer, watch)?;
+        if let Optimiser::QuasiNewton(optimiser) = &mut best.optimiser {
+            // That of earlier steps is no longer that of this point.
+            let hessian =
+                self.problem.gauss_newton(optimiser.x(), renderer).map_err(|error| match error {
+                    RenderError::Interrupted => FitError::Interrupted { iteration: 0 },
+                    error => error.into(),
+                })?;
+            hessian.iter().for_each(|hessian| optimiser.set_hessian(hessian));
+        }
+        let mut candidates = self.problem.parameters.candidates();
+        let mut dark = Vec::new();
+        while let Optimiser::QuasiNewton(optimiser) = &best.optimiser {
+            let loss = best.loss();
+            let without = |(at, (_, name, unknowns)): (usize, &(usize, &str, Vec<usize>))| {
+                let (increase, trial) = optimiser.without(unknowns)?;
+                tracing::info!(
+                    "without light of {name} the loss is expected {:.2} % higher",
+                    100.0 * increase / loss
+                );
+                (increase <= DARK * loss).then_some((at, increase, trial))
+            };
+            let trials = candidates.iter().enumerate().filter_map(without);
+            let Some((at, _, trial)) = trials.min_by(|(_, a, _), (_, b, _)| a.total_cmp(b)) else { break };
+            let trial = self.few_steps(Optimiser::QuasiNewton(trial), renderer, watch)?;
+            let (block, name, _) = candidates.remove(at);
+            if trial.loss() <= (1.0 + DARK) * loss {
+                tracing::info!("{name} does not shine: pictures are explained as well without its light");
+                dark.push(block);
+                best = trial;
+            }
+        }
+        Ok((best.optimiser, dark))
+    }
+
+    /// The progress of an optimiser until steps become small.
+    fn few_steps(
+        &self,
+        optimiser: Optimiser,
+        renderer: &mut dyn Renderer,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<FitProgress, FitError> {
         let rule = StopRule::default().iterations(COARSE_ITERATIONS).relative_decrease(COARSE_DECREASE);
-        let mut progress = FitProgress::new(self.new_optimiser());
+        let mut progress = FitProgress::new(optimiser);
         while progress.stop(&rule).is_none() {
             let record = advance(&self.problem, &self.settings, None, &mut progress, renderer);
             let record = record.map_err(|error| match error {
@@ -498,7 +548,7 @@ impl Job {
                 return Err(FitError::Interrupted { iteration: 0 });
             }
         }
-        Ok(progress.optimiser)
+        Ok(progress)
     }
 
     /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. A job that was

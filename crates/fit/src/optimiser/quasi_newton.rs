@@ -75,6 +75,37 @@ impl QuasiNewton {
         -0.5 * slope
     }
 
+    /// Starts the model anew from the Hessian (row by row) at the current point, unless that is not finite, or zero.
+    pub(crate) fn set_hessian(&mut self, hessian: &[f64]) {
+        let memory =
+            self.point.as_ref().and_then(|here| Memory::of_hessian(hessian, &here.gradient, LONGEST));
+        if let Some(memory) = memory {
+            (self.memory, self.stale) = (memory, false);
+        }
+    }
+
+    /// What the model expects where some unknowns are held at 0: by how much the minimum is above the current value, and this optimiser started
+    /// from there. `None` where nothing is known.
+    pub(crate) fn without(&self, unknowns: &[usize]) -> Option<(f64, Self)> {
+        let (here, hessian) = self.point.as_ref().zip(self.memory.compact())?;
+        let mut bounds = self.bounds.clone();
+        let mut x = here.x.clone();
+        for &i in unknowns {
+            (bounds.lower[i], bounds.upper[i], x[i]) = (0.0, 0.0, 0.0);
+        }
+        let at = |x: Vec<f64>| -> Point {
+            let d: Vec<f64> = x.iter().zip(&here.x).map(|(x, from)| x - from).collect();
+            let change = hessian.times(&d);
+            let value = here.value + dot(&here.gradient, &d) + 0.5 * dot(&change, &d);
+            let gradient = here.gradient.iter().zip(&change).map(|(g, change)| g + change).collect();
+            Point { x, value, gradient }
+        };
+        let start = model_minimum(&at(x), &bounds, &hessian);
+        let increase = at(start.clone()).value - here.value;
+        let started = Self { bounds, start, point: None, stale: false, ..self.clone() };
+        increase.is_finite().then_some((increase, started))
+    }
+
     /// The Hessian of the model, row by row; `None` where nothing is known.
     pub fn hessian(&self) -> Option<Vec<f64>> {
         let compact = self.memory.compact().filter(|_| !self.memory.is_blank())?;

@@ -306,6 +306,28 @@ impl Parameters {
         &self.bounds
     }
 
+    /// Candidates for lamps ([`Fit::groups`] of emission): number of the block, name, unknowns.
+    pub(super) fn candidates(&self) -> Vec<(usize, &str, Vec<usize>)> {
+        let may_shine = |block: &ParameterBlock| {
+            let fit = &self.fits[block.fit];
+            fit.quantity == Quantity::Emission && fit.groups.is_some()
+        };
+        let blocks = self.blocks.iter().enumerate().filter(|(_, block)| may_shine(block));
+        blocks.map(|(b, block)| (b, block.name.as_str(), self.unknowns_of_block(b))).collect()
+    }
+
+    fn unknowns_of_block(&self, block: usize) -> Vec<usize> {
+        let block = &self.blocks[block];
+        (block.first..block.first + block.unknowns()).collect()
+    }
+
+    /// Holds the unknowns of a block at 0.
+    pub(super) fn hold_at_zero(&mut self, block: usize) {
+        for i in self.unknowns_of_block(block) {
+            (self.bounds.lower[i], self.bounds.upper[i], self.start[i]) = (0.0, 0.0, 0.0);
+        }
+    }
+
     /// The unknowns at the initial values.
     pub fn start(&self) -> &[f64] {
         &self.start
