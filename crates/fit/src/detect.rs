@@ -118,9 +118,11 @@ fn look(scene: &Scene, rays: &Rays, target: &Target) -> Vec<Seen> {
     for (at, pixel) in target.pixels.iter().enumerate().filter(|(at, _)| target.mask_at(*at) > 0.0) {
         let ray = view.ray((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
         if let Some((triangle, _)) = rays.nearest(camera.position, ray, None) {
+            let brightest = pixel.max_element();
+            let is_clipped = target.is_bound(at, brightest);
             seen[triangle].pixels += 1;
-            seen[triangle].bright += u32::from(pixel.max_element() >= limit);
-            seen[triangle].spot += u32::from(pixel.max_element() >= limit_of_spot);
+            seen[triangle].bright += u32::from(is_clipped || brightest >= limit);
+            seen[triangle].spot += u32::from(is_clipped || brightest >= limit_of_spot);
         }
     }
     seen

@@ -117,8 +117,7 @@ fn first_guess(views: &[usize], targets: &[Target], pictures: &[Vec<DVec3>], exp
             for (at, (value, radiance)) in target.pixels.iter().zip(&pictures[view]).enumerate() {
                 let counts = target.mask_at(at) > 0.0;
                 for &c in channels.iter().filter(|_| counts) {
-                    let clipped = target.clip.is_some_and(|clip| value[c] >= clip);
-                    if !clipped && value[c] > 0.0 && radiance[c] > 0.0 {
+                    if !target.is_bound(at, value[c]) && value[c] > 0.0 && radiance[c] > 0.0 {
                         ratios.push(value[c] / radiance[c]);
                     }
                 }

@@ -824,7 +824,7 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
                 pixels,
                 &target.mask,
                 target.weight,
-                target.clip,
+                (target.clip, &target.bounds),
                 target.exposure,
             ),
         )?;

@@ -144,7 +144,7 @@ const OPEN: f64 = 0.01;
 const USUAL_ALBEDO: f64 = 0.5;
 
 /// Relative decrease of the loss below which a fit of photographs ends: most of their loss is noise.
-const DECREASE_OF_PHOTOGRAPHS: f64 = 1e-3;
+const DECREASE_OF_PHOTOGRAPHS: f64 = 2e-3;
 
 impl JobFile {
     /// Reads and checks a job, its scene and its pictures. Paths are relative to the file.

@@ -173,7 +173,7 @@ impl PictureLoss for Loss {
                     return DVec3::ZERO;
                 }
                 let mean = self.mean(view, at, target);
-                let channels = [0, 1, 2].map(|c| match target.keeps_bound(value[c], expected[c]) {
+                let channels = [0, 1, 2].map(|c| match target.keeps_bound(at, value[c], expected[c]) {
                     true => (0.0, 0.0),
                     false => self.channel(value[c], expected[c], mean[c]),
                 });
@@ -194,7 +194,7 @@ impl PictureLoss for Loss {
             let mean = self.mean(view, at, target);
             let mut curvature = DVec3::ZERO;
             for c in 0..3 {
-                if !target.keeps_bound(value[c], expected[c]) {
+                if !target.keeps_bound(at, value[c], expected[c]) {
                     curvature[c] = weight * self.channel_curvature(value[c], expected[c], mean[c])?;
                 }
             }

@@ -82,7 +82,7 @@ pub fn picture_error(targets: &[Target], fitted: &[Vec<DVec3>]) -> f64 {
             // Masked pixels may hold any value.
             let counts = target.mask_at(at);
             if counts > 0.0 {
-                let difference = [0, 1, 2].map(|c| match target.keeps_bound(found[c], expected[c]) {
+                let difference = [0, 1, 2].map(|c| match target.keeps_bound(at, found[c], expected[c]) {
                     true => 0.0,
                     false => found[c] - expected[c],
                 });

@@ -90,6 +90,8 @@ pub struct Target {
     pub weight: f64,
     /// Value from which on a channel of a pixel is only a lower bound: the picture is clipped there.
     pub clip: Option<f64>,
+    /// Pixels that are lower bounds altogether, as they are means of pixels of which some are clipped; `None`: none.
+    pub bounds: Option<Vec<bool>>,
     /// What of the relation between radiance and the picture's numbers is unknown.
     pub exposure: Exposure,
     /// How bright the camera's settings make the picture, up to a factor that pictures of one camera share: exposure time in seconds times
@@ -134,7 +136,8 @@ impl Target {
             return Err(TargetError::Weight(weight));
         }
         let exposure = Exposure::default();
-        let target = Self { camera, pixels, mask, weight, clip: None, exposure, exposure_guess: None };
+        let (clip, bounds, exposure_guess) = (None, None, None);
+        let target = Self { camera, pixels, mask, weight, clip, bounds, exposure, exposure_guess };
         if target.mask_sum() == 0.0 {
             return Err(TargetError::Nothing);
         }
@@ -156,9 +159,15 @@ impl Target {
         Self { exposure, ..self }
     }
 
-    /// Whether an expected value is only a lower bound, and a value is not below it.
-    pub fn keeps_bound(&self, value: f64, expected: f64) -> bool {
-        value >= expected && self.clip.is_some_and(|clip| expected >= clip)
+    /// Whether a channel of a pixel, of this value, is only a lower bound.
+    pub fn is_bound(&self, pixel: usize, expected: f64) -> bool {
+        let is_mean_of_clipped = || self.bounds.as_ref().is_some_and(|bounds| bounds[pixel]);
+        self.clip.is_some_and(|clip| expected >= clip) || is_mean_of_clipped()
+    }
+
+    /// Whether the expected value of a channel of a pixel is only a lower bound, and a value is not below it.
+    pub fn keeps_bound(&self, pixel: usize, value: f64, expected: f64) -> bool {
+        value >= expected && self.is_bound(pixel, expected)
     }
 
     /// Weight of a pixel, from the mask.

@@ -101,17 +101,9 @@ impl Treatment {
         }
         let pixels = radiance(photo, self.white);
         let clip = (clipped == Clipped::Bound && photo.ends_at_white).then_some(CLIP * self.white);
-        if let Some(clip) = clip {
-            // Where a pixel was averaged from clipped and other ones, its value is no bound, and too dark.
-            let parts =
-                pixels.iter().zip(&photo.clipped).map(|(p, clipped)| *clipped && p.min_element() < clip);
-            if parts.clone().any(|part| part) {
-                let mask = mask.get_or_insert_with(|| vec![1.0; pixels.len()]);
-                mask.iter_mut().zip(parts).filter(|(_, part)| *part).for_each(|(mask, _)| *mask = 0.0);
-            }
-        }
         let mut target = Target::new(camera, pixels, mask, self.weight)?.exposed(exposure);
         target.clip = clip;
+        target.bounds = clip.and(Some(&photo.clipped)).filter(|clipped| clipped.contains(&true)).cloned();
         target.exposure_guess = photo.exposure;
         Ok((target, ignored))
     }

@@ -11,6 +11,8 @@ struct Rates {
     /// Pairs of triangles.
     irradiance: f64,
     bins: f64,
+    /// The same where what passes is kept.
+    kept: f64,
     near: f64,
     /// Weights of a kept near field.
     weights: f64,
@@ -25,6 +27,7 @@ struct Rates {
 const CPU: Rates = Rates {
     irradiance: 1e9,
     bins: 150e6,
+    kept: 350e6,
     near: 2.5e6,
     weights: 2e8,
     lobes: 3e9,
@@ -36,6 +39,7 @@ const CPU: Rates = Rates {
 const LAVAPIPE: Rates = Rates {
     irradiance: 1.5e8,
     bins: 1.5e7,
+    kept: 1.5e7,
     near: 2e5,
     weights: 1.5e7,
     lobes: 3e8,
@@ -47,6 +51,7 @@ const LAVAPIPE: Rates = Rates {
 const GPU: Rates = Rates {
     irradiance: 2e10,
     bins: 5e9,
+    kept: 5e9,
     near: 2e7,
     weights: 5e9,
     lobes: 3e10,
@@ -239,7 +244,7 @@ impl Plan {
             BackendKind::Vulkan => LAVAPIPE,
         };
         let pass = pairs.irradiance as f64 / rates.irradiance
-            + pairs.bins as f64 / rates.bins
+            + pairs.bins as f64 / if self.keeps_far { rates.kept } else { rates.bins }
             + match self.near_field_matrix() {
                 Some(kept) => kept.weights as f64 / rates.weights,
                 None => pairs.sub_sampled as f64 / rates.near,

@@ -316,6 +316,26 @@ mod tests {
         assert!(evaluations < 200, "{evaluations}");
     }
 
+    /// Of (x_0 + x_1 - 2)²/2 + (x_0 - 1)²/2 + x_2²/2: without x_1 the minimum is 1/4, at x_0 = 3/2; without x_2 it is 0, as with it.
+    #[test]
+    fn what_is_expected_without_some_unknowns() {
+        let hessian = [2.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let value = |x: &[f64]| {
+            let (a, b, c) = (x[0] + x[1] - 2.0, x[0] - 1.0, x[2]);
+            (0.5 * (a * a + b * b + c * c), vec![a + b, a, c])
+        };
+        let mut optimiser = new(vec![0.9, 0.8, 0.1], Bounds::free(3));
+        assert!(optimiser.without(&[1]).is_none(), "nothing is known yet");
+        optimiser.step(&mut |x: &[f64]| -> Result<_> { Ok(value(x)) }, &mut |_| Ok(None)).expect("a step");
+        optimiser.set_hessian(&hessian);
+        let reached = value(optimiser.x()).0;
+        for (unknown, minimum, x_0) in [(1, 0.25, 1.5), (2, 0.0, 1.0)] {
+            let (increase, started) = optimiser.without(&[unknown]).expect("a model");
+            assert!((reached + increase - minimum).abs() < 1e-9, "{unknown}: {increase}");
+            assert!(started.x()[unknown] == 0.0 && (started.x()[0] - x_0).abs() < 1e-6, "{:?}", started.x());
+        }
+    }
+
     /// Unknowns with equal bounds stay fixed.
     #[test]
     fn equal_bounds_fix_an_unknown() {
