@@ -6,7 +6,8 @@ use antirad::backend::Backend;
 use antirad::gpu::DeviceKind;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::scene::{
-    Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle, VisibilityChoice,
+    BinLayout, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle,
+    VisibilityChoice,
 };
 use antirad::target_error::usual_settings;
 use antirad::{Cotangent, Energy, Engine, Gradients, SolveParams};
@@ -28,6 +29,11 @@ const SMALL_PAGE: u64 = 512 << 10;
 
 fn hierarchical(scene: &Scene, error: f64) -> SolveSettings {
     scene.settings.transport(Transport::Hierarchical { error }).visibility(VisibilityChoice::Implicit)
+}
+
+/// What clusters do with few bins they do with many.
+fn few_bins(scene: &Scene) -> SolveSettings {
+    scene.settings.bins(BinLayout::EqualAngle { theta: 6, phi: 8 }).near_field(10.0)
 }
 
 fn planned(scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> Plan {
@@ -75,7 +81,7 @@ fn the_error_is_at_most_the_one_asked_for() {
 #[test]
 fn volumes_stand_for_objects() {
     let backend = backend();
-    for (scene, errors) in [(balls(4, 3, false), [0.1, 0.03]), (balls(4, 3, true), [0.3, 0.1])] {
+    for (scene, errors) in [(balls(4, 3, false), [0.1, 0.03]), (balls_on_a_glossy_floor(), [0.3, 0.1])] {
         let exact = solve(&backend, &scene, &scene.settings.transport(Transport::Exact)).1.irradiance;
         for error in errors {
             let settings = hierarchical(&scene, error);
@@ -130,7 +136,8 @@ fn relative(found: &[DVec3], truth: &[DVec3]) -> f64 {
 #[test]
 fn gradients_are_those_of_the_exact_sum() {
     let backend = Backend::cpu();
-    let scene = load("scenes/cornell_boxes.toml");
+    let mut scene = load("scenes/cornell_boxes.toml");
+    scene.settings = few_bins(&scene);
     let values = |g: &Gradients| {
         let by_material = g.by_material(&scene);
         let corners = g.corners.as_ref().expect("what was asked for");
@@ -163,22 +170,21 @@ fn gradients_are_those_of_the_exact_sum() {
     // A few passes are enough to compare the CPU, which computed these, with kernels.
     let clusters = clusters.tolerance(0.3);
     let in_pages = values(&gradients(&backend, &scene, &clusters, SMALL_PAGE));
-    for kind in [DeviceKind::Cpu, DeviceKind::Discrete] {
-        let device = device().with_kernels_for(kind);
-        let by_kernels = values(&gradients(&Backend::from(&device), &scene, &clusters, SMALL_PAGE));
-        for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
-            let off = relative(found, by_kernels);
-            println!("{name} of the CPU and of kernels for {kind}: {off:.1e}");
-            assert!(off <= 1e-4, "{name}: {off}");
-        }
-        finish(&device);
+    // Those for GPUs do more otherwise; `gradients` has those for CPUs.
+    let device = device().with_kernels_for(DeviceKind::Discrete);
+    let by_kernels = values(&gradients(&Backend::from(&device), &scene, &clusters, SMALL_PAGE));
+    for ((name, found), by_kernels) in names.iter().zip(&in_pages).zip(&by_kernels) {
+        let off = relative(found, by_kernels);
+        println!("{name} of the CPU and of kernels for GPUs: {off:.1e}");
+        assert!(off <= 1e-4, "{name}: {off}");
     }
+    finish(&device);
 }
 
 #[test]
 fn the_same_input_gives_the_same_bytes() {
     let backend = backend();
-    for (scene, error) in [(load("scenes/cornell_boxes.toml"), 0.01), (balls(4, 3, true), 0.1)] {
+    for (scene, error) in [(load("scenes/cornell_boxes.toml"), 0.01), (balls_on_a_glossy_floor(), 0.1)] {
         let solved = || solve(&backend, &scene, &hierarchical(&scene, error)).1.irradiance;
         assert!(solved() == solved(), "the results differ");
     }
@@ -351,7 +357,8 @@ fn barely(scene: &Scene) -> PlanOptions {
 #[test]
 fn without_memory_for_clusters_the_result_is_exact() {
     let device = device();
-    let scene = load("scenes/cornell_boxes.toml");
+    let mut scene = load("scenes/cornell_boxes.toml");
+    scene.settings = few_bins(&scene).tolerance(1e-2);
     let options = barely(&scene);
     let one = solve_within(&device, &scene, &hierarchical(&scene, 0.01), &options).1.irradiance;
     let other = solve_within(&device, &scene, &scene.settings, &options).1.irradiance;
@@ -364,11 +371,9 @@ fn without_memory_for_clusters_the_result_is_exact() {
 #[test]
 fn states_on_the_host_have_clusters_too() {
     let device = device();
-    for (name, scene, error) in [
-        ("boxes", load("scenes/cornell_boxes.toml"), 0.02),
-        ("glossy floor", load("scenes/glossy_floor.toml"), 0.02),
-        ("balls", balls_on_a_glossy_floor(), 0.1),
-    ] {
+    for (name, scene, error) in
+        [("boxes", load("scenes/cornell_boxes.toml"), 0.02), ("balls", balls_on_a_glossy_floor(), 0.1)]
+    {
         // A few passes are enough.
         let settings = hierarchical(&scene, error).tolerance(0.2);
         let exact = solve(&device, &scene, &settings.transport(Transport::Exact)).1.irradiance;
@@ -402,9 +407,10 @@ fn states_on_the_host_have_clusters_too() {
 /// Lists chosen anew at each step make it jump.
 #[test]
 fn irradiance_is_smooth_while_vertices_move() {
-    const STEPS: usize = 4;
+    const STEPS: usize = 3;
     let backend = backend();
-    let scene = load("scenes/cornell_boxes.toml");
+    let mut scene = load("scenes/cornell_boxes.toml");
+    scene.settings = few_bins(&scene);
     let areas = areas(&scene);
     let gradients = GradientRequest::default().positions(true);
     let options = PlanOptions::of(&backend).gradients(gradients);
@@ -574,7 +580,7 @@ fn clusters_keep_what_holds_of_the_exact_sum() {
     const ERROR: f64 = 0.03;
     let backend = backend();
     let mut scene = load("scenes/cornell_boxes.toml");
-    scene.settings = scene.settings.lamps(Lamps::Antiradiance).tolerance(1e-6);
+    scene.settings = few_bins(&scene).lamps(Lamps::Antiradiance).tolerance(1e-6);
     let settings = hierarchical(&scene, ERROR);
     let areas = areas(&scene);
     let (mut engine, truth) = solve(&backend, &scene, &settings);

@@ -47,6 +47,8 @@ fn room(cells: u32, albedo: f64) -> Scene {
             scene.triangles[i].vertices = [t.vertices[0], t.vertices[2], t.vertices[1]];
         }
     }
+    // What holds of few bins holds of many.
+    scene.settings = scene.settings.bins(BinLayout::EqualAngle { theta: 4, phi: 6 }).near_field(10.0);
     scene
 }
 
@@ -208,8 +210,6 @@ fn light_of_any_brightness() {
     let mut scene = room(3, 0.6);
     scene.materials[0].specular = [0.05; 3];
     scene.materials[0].power = 10.0;
-    // What holds of few bins holds of many.
-    scene.settings = scene.settings.bins(BinLayout::Concentric { n: 4 }).near_field(10.0);
     let request = GradientRequest::NOTHING.emission(true).albedo(true).specular(true).positions(true);
     let plan_options = PlanOptions::of(&backend).gradients(request);
     let base = scene.materials[2].emission;
@@ -231,7 +231,7 @@ fn light_of_any_brightness() {
         values.iter().flatten().map(|v| v.to_array()).collect()
     };
     let (irradiance, radiosity, colours, gradients) = run(1.0, 1.0);
-    for (brightness, steepness) in [(126_f64, -140_f64), (-140.0, 126.0), (60.0, 0.0), (0.0, -100.0)] {
+    for (brightness, steepness) in [(126_f64, -140_f64), (-140.0, 126.0), (0.0, -100.0)] {
         let (brightness, steepness) = (brightness.exp2(), steepness.exp2());
         let (h, b, c, g) = run(brightness, steepness);
         let light = brightness * steepness;

@@ -111,7 +111,7 @@ fn shadow(backend: &Backend, lamp: f64, height: f64, bound: f64) {
 #[test]
 fn closed_rooms_of_high_albedo() {
     let backend = backend();
-    for albedo in [0.8, 0.95, 0.99] {
+    for albedo in [0.8, 0.99] {
         let scene = furnace(albedo);
         let solved = within(&backend, &scene, &TargetErrorOptions::new(0.01));
         let found = solved.on_given(&solved.answer.radiosity);
@@ -175,7 +175,7 @@ fn real_errors(backend: &Backend, solved: &Solved, options: &TargetErrorOptions)
 
 fn error_of_irradiance(solved: &Solved) -> f64 {
     let areas = areas(&solved.scene);
-    let truth = PathTracer::new(&solved.scene).irradiance(1024);
+    let truth = PathTracer::new(&solved.scene).irradiance(256);
     let (mut off, mut all) = (0.0, 0.0);
     for (i, truth) in truth.iter().enumerate() {
         let difference = DVec3::from(solved.answer.irradiance[i]) - truth.mean;
@@ -196,7 +196,7 @@ fn error_of_faces(backend: &Backend, solved: &Solved, camera: &Camera) -> f64 {
     let tracer = PathTracer::new(&fine);
     let (mut off, mut all) = (0.0, 0.0);
     for (i, &samples) in samples.iter().enumerate().filter(|(_, samples)| **samples > 0.0) {
-        let (truth, material) = (tracer.irradiance_of(i, 144), fine.material(i));
+        let (truth, material) = (tracer.irradiance_of(i, 64), fine.material(i));
         let albedo = DVec3::from(material.diffuse_albedo()) / PI;
         let colour = DVec3::from(solved.answer.colours[0][parents[i] as usize]);
         let difference = colour - DVec3::from(material.emission) - albedo * truth.mean;
@@ -215,7 +215,7 @@ fn error_of_gathered(backend: &Backend, solved: &Solved, camera: &Camera) -> f64
     for seen in coverage.faces_in_pixels() {
         emits[seen.pixel] |= solved.scene.material(seen.face).emission != [0.0; 3];
     }
-    let truth = PathTracer::new(&solved.scene).picture(camera, 256, 1);
+    let truth = PathTracer::new(&solved.scene).picture(camera, 64, 1);
     let (mut off, mut all) = (0.0, 0.0);
     for ((found, truth), _) in pixels.iter().zip(&truth.pixels).zip(&emits).filter(|(_, emits)| !**emits) {
         let difference = DVec3::new(found[0], found[1], found[2]) - truth.radiance.mean;

@@ -67,7 +67,7 @@ fn errors(scene: &Scene, irradiance: &[[f64; 3]], step: usize) -> [f64; 2] {
     let (tracer, areas) = (PathTracer::new(scene), areas(scene));
     let [mut own, mut true_ones, mut squares, mut all] = [0.0; 4];
     for i in (0..areas.len()).step_by(step) {
-        let estimate = tracer.irradiance_of(i, 1024);
+        let estimate = tracer.irradiance_of(i, 512);
         let (h, noise) = (DVec3::from(irradiance[i]), estimate.error.length_squared());
         own += areas[i] * h.element_sum();
         true_ones += areas[i] * estimate.mean.element_sum();
@@ -176,7 +176,7 @@ type Step = fn(&mut Material, f64);
 /// By emission, albedo and specular constants, beside central differences, in f64. U is linear, so they are exact.
 #[test]
 fn derivatives_by_materials() {
-    let scenes = [plant(60), scattered(3, 80, true, false, 1.0)];
+    let scenes = [plant(30), scattered(3, 50, true, false, 0.8)];
     let request = GradientRequest::default().emission(true).albedo(true).specular(true);
     for (scene, backend) in scenes.iter().flat_map(|s| implementations().map(move |(_, b)| (s, b))) {
         let settings = explicit(scene).precision(Precision::F64).tolerance(1e-12).lamps(Lamps::Exact);

@@ -20,7 +20,7 @@ fn relative(found: &[f64], truth: &[f64]) -> f64 {
 
 /// The report of a render, without a variable that would choose for it.
 fn rendered(folder: &Folder, arguments: &str) -> Value {
-    let arguments = format!("render {arguments} --quiet --supersample 1 --output out");
+    let arguments = format!("render {arguments} --refine=never --quiet --supersample 1 --output out");
     run(folder.tool(arguments.split_whitespace()).env_remove("ANTIRAD_BACKEND")).succeeded();
     folder.json("out/report.json")
 }
@@ -71,7 +71,7 @@ fn fits_agree() {
 #[test]
 fn without_a_driver_the_cpu_computes() {
     let folder = Folder::with(&[]);
-    let mut tool = folder.tool(["render", "room.toml", "--quiet", "--output", "out"]);
+    let mut tool = folder.tool(["render", "room.toml", "--refine=never", "--quiet", "--output", "out"]);
     tool.env_remove("ANTIRAD_BACKEND").env_remove("ANTIRAD_DEVICE");
     run(without_driver(&mut tool, Path::new("/nowhere.json"))).succeeded();
     assert_eq!(folder.json("out/report.json")["backend"], "cpu");
@@ -91,7 +91,16 @@ fn scenes_name_a_backend() {
         ("room.toml", "cpu", "cpu"),
         ("vulkan.toml", "cpu", "vulkan"),
     ] {
-        let mut tool = folder.tool(["render", scene, "--quiet", "--supersample", "1", "--output", "out"]);
+        let mut tool = folder.tool([
+            "render",
+            scene,
+            "--refine=never",
+            "--quiet",
+            "--supersample",
+            "1",
+            "--output",
+            "out",
+        ]);
         run(tool.env("ANTIRAD_BACKEND", variable)).succeeded();
         assert_eq!(folder.json("out/report.json")["backend"], expected, "{scene}, {variable}");
     }

@@ -132,18 +132,18 @@ fn a_box_is_moved_back_by_what_two_views_see() {
     let boxed = "\n[[mesh]]\nname = \"block\"\nshape = { kind = \"box\", cells = 1 }\nmaterial = \"lamp\"\n\
                  scale = 0.2\ntranslate = [0.4, 0.1, 0.5]\n";
     let room =
-        format!("{ROOM}{boxed}{SETTINGS}").replace("width = 32\nheight = 24", "width = 64\nheight = 48");
-    let room = room.replace("width = 16\nheight = 16", "width = 48\nheight = 48");
+        format!("{ROOM}{boxed}{SETTINGS}").replace("width = 32\nheight = 24", "width = 48\nheight = 36");
+    let room = room.replace("width = 16\nheight = 16", "width = 36\nheight = 36");
     let job = "scene = \"room.toml\"\n[[target]]\npicture = \"out/main.exr\"\ncamera = \"main\"\n[[target]]\n\
                picture = \"out/side.exr\"\ncamera = \"side\"\n[[fit]]\nparameter = \"position\"\n\
                meshes = [\"block\"]\nmotion = \"translation\"\ninitial = [0.02, -0.02, 0.02]\n\
-               [stop]\nrelative_decrease = 1e-3\niterations = 25\n[solve]\nsupersample = 8\n";
+               [stop]\nrelative_decrease = 1e-3\niterations = 15\n[solve]\nsupersample = 8\n";
     let folder = Folder::with(&[("room.toml", room.as_str()), ("job.toml", job)]);
     folder.render("room.toml --refine=never --supersample 8").succeeded();
     folder.run("fit job.toml --output fits").succeeded();
     let way = value(&folder, "fits/job/parameters.json", "translation");
     // Initially off by a tenth of its size.
-    assert!(way.iter().all(|w| w.abs() < 1e-3), "{way:?}");
+    assert!(way.iter().all(|w| w.abs() < 2e-3), "{way:?}");
 }
 
 /// A photo whose camera is not quite known: the fitted scene has it where it is found, beside its own cameras. It is rolled, since level edges
@@ -398,8 +398,8 @@ mod killed {
         fs::create_dir(folder.path("jobs")).expect("a folder");
         let job = JOB.replace("iterations = 12", "iterations = 3").replace("every = 2", "every = 1");
         let job = job.replace("room.toml", "../room.toml").replace("out/", "../out/");
-        let broken = ["j04", "j11"];
-        let names: Vec<String> = (0..20).map(|k| format!("j{k:02}")).collect();
+        let broken = ["j02", "j06"];
+        let names: Vec<String> = (0..10).map(|k| format!("j{k:02}")).collect();
         for (k, name) in names.iter().enumerate() {
             let text = match broken.contains(&name.as_str()) {
                 true => job.replace("\"wall\"", "\"wal\""),
@@ -408,19 +408,19 @@ mod killed {
             fs::write(folder.path("jobs").join(format!("{name}.toml")), text).expect("written");
         }
         assert_eq!(folder.run("fit jobs --output whole").code, Some(1));
-        assert_eq!(kill_at(&folder, "fit jobs --output cut", "j03 iteration 2:", "-KILL").code, None);
+        assert_eq!(kill_at(&folder, "fit jobs --output cut", "j01 iteration 2:", "-KILL").code, None);
         let resumed = "fit jobs --output cut --resume";
         // The summary is written while the next jobs run.
-        let second = kill_at(&folder, resumed, "j14 iteration 1:", "-KILL");
+        let second = kill_at(&folder, resumed, "j08 iteration 1:", "-KILL");
         assert_eq!(second.code, None);
-        says(&second.stderr, &["j02: finished before", "antirad: j04: ", "antirad: j11: "]);
+        says(&second.stderr, &["j00: finished before", "antirad: j02: ", "antirad: j06: "]);
         let summary = String::from_utf8(folder.read("cut/summary.csv")).expect("text");
-        says(&summary, &["j02,finished-before", "j03,finished,3", "j04,failed", "j10,finished,3"]);
+        says(&summary, &["j00,finished-before", "j01,finished,3", "j02,failed", "j04,finished,3"]);
 
         let last = folder.run(resumed);
         assert_eq!(last.code, Some(1));
-        says(&last.stdout, &["18 of 20 jobs are done"]);
-        says(&last.stderr, &["antirad: j04: ", "antirad: j11: ", "did you mean \"wall\"?"]);
+        says(&last.stdout, &["8 of 10 jobs are done"]);
+        says(&last.stderr, &["antirad: j02: ", "antirad: j06: ", "did you mean \"wall\"?"]);
         for name in names.iter().filter(|name| !broken.contains(&name.as_str())) {
             // The kills left nothing behind, no half-written file either.
             same_results(&folder.path(&format!("whole/{name}")), &folder.path(&format!("cut/{name}")));
