@@ -106,13 +106,21 @@ def read_texture(path):
     return np.array(bitmap, dtype=np.float64)
 
 
-def means_over_triangles(texture, uvs):
+def means_over_triangles(texture, uvs, cells=32):
+    """Average a texture over each triangle: at the centres of equal parts of it."""
     height, width, _ = texture.shape
-    at = np.random.default_rng(0).dirichlet([1, 1, 1], 256)
-    points = np.einsum("sk,fkd->fsd", at, uvs)
-    columns = np.clip((points[..., 0] % 1 * width).astype(int), 0, width - 1)
-    rows = np.clip(((1 - points[..., 1]) % 1 * height).astype(int), 0, height - 1)
-    return texture[rows, columns].mean(axis=1)
+    i, j = np.divmod(np.arange(cells * cells), cells)
+    upright, turned = i + j < cells, i + j < cells - 1
+    u = np.concatenate([i[upright] + 1 / 3, i[turned] + 2 / 3]) / cells
+    v = np.concatenate([j[upright] + 1 / 3, j[turned] + 2 / 3]) / cells
+    at = np.stack([1 - u - v, u, v])
+    means = []
+    for corners in uvs:
+        points = at.T @ corners
+        columns = np.clip((points[:, 0] % 1 * width).astype(int), 0, width - 1)
+        rows = np.clip(((1 - points[:, 1]) % 1 * height).astype(int), 0, height - 1)
+        means.append(texture[rows, columns].mean(axis=0))
+    return np.array(means)
 
 
 @dataclass
@@ -162,8 +170,8 @@ class Fit:
             mesh = f'path = "{photos}/true.obj"\n'
             fits = f'[[fit]]\nparameter = "albedo"\nmaterials = {json.dumps(plain)}\ninitial = 0.5\n\n'
             fits += f'[[fit]]\nparameter = "emission"\nmaterials = {json.dumps(lamps)}\ninitial = 20\n'
-        scale = f"scale = {self.options.scale[self.name]}\n"
-        target = f'[[target]]\ncameras = "{photos}/transforms.json"\nsuffix = ".exr"\n{scale}'
+        target = f'[[target]]\ncameras = "{photos}/transforms.json"\nsuffix = ".exr"\n'
+        target += f"scale = {self.options.scale}\n"
         (self.folder / "scene.toml").write_text(f"[[mesh]]\n{mesh}")
         job = f'scene = "scene.toml"\n\n{target}\n{fits}\n[checkpoint]\nevery = {self.options.every}\n'
         self.job.write_text(job)
@@ -228,7 +236,7 @@ class Fit:
         picture = engine.render(engine.solve(), self.held_camera, supersample=8)
         picture = np.asarray(picture, np.float64)[..., :3]
         np.save(folder / "held.npy", picture.astype(np.float32))
-        judged = self.judge(picture, picture, scene.albedo)
+        judged = self.judge(picture, picture, scene.albedo[scene.material_of])
         keys = ("iteration", "loss", "seconds", "cpu")
         name = f"{mark['iteration']} iterations"
         return {"name": name, **{k: mark[k] for k in keys}, **judged, "folder": str(folder)}
@@ -275,7 +283,7 @@ class Traced:
         self.replay = mi.load_dict({"type": "prb", "max_depth": fit.options.depth})
         self.parameters = mi.traverse(self.scene)
         self.seed = 0
-        scale = round(1 / fit.options.scale[fit.name])
+        scale = round(1 / fit.options.scale)
         self.targets = [
             downscaled(antirad.read_picture(fit.options.folder / f"{c['name']}.exr")[..., :3], scale)
             for c in cameras
@@ -528,18 +536,31 @@ def run(name, options):
     return result | {"mitsuba": best["curve"], "setting": best["setting"]}
 
 
+def cpu_until(tried, error):
+    """CPU time until the first of some runs has fallen to an error; None if none does."""
+    curves = [[{"seconds": at["cpu"], "error": at["error"]} for at in run["curve"]] for run in tried]
+    found = [compare.seconds_until(curve, error) for curve in curves]
+    return min((cpu for cpu in found if cpu is not None), default=None)
+
+
 def table(results):
-    lines = ["| fit | program | s | CPU s | held view, relMSE | albedo, rms |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| fit | program | s | CPU s | held view, relMSE | albedo, rms | Mitsuba: CPU s to the same relMSE |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for name, result in results["fits"].items():
-        rows = [(f"antirad, {point['name']}", point) for point in result["antirad"]]
+        rows = [(f"antirad, {point['name']}", point, True) for point in result["antirad"]]
         for tried in result["tried"]:
             end = tried["curve"][-1]
-            rows.append((f"Mitsuba, {tried['setting']}, {end['steps']} steps", end))
-        lines += [
-            f"| {name} | {program} | {at['seconds']:.0f} | {at['cpu']:.0f} |"
-            f" {at['error'][0]:.2e} | {at['albedo']:.3f} |"
-            for program, at in rows
-        ]
+            rows.append((f"Mitsuba, {tried['setting']}, {end['steps']} steps", end, False))
+        for program, at, ours in rows:
+            until = cpu_until(result["tried"], at["error"][0]) if ours else None
+            longest = max(run["curve"][-1]["cpu"] for run in result["tried"])
+            reached = f"{until:.0f}" if until is not None else f"more than {longest:.0f}"
+            lines.append(
+                f"| {name} | {program} | {at['seconds']:.0f} | {at['cpu']:.0f} |"
+                f" {at['error'][0]:.2e} | {at['albedo']:.3f} | {reached if ours else ''} |"
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -552,12 +573,11 @@ def main():
     parser.add_argument("--fits", nargs="+", choices=["scan", "true"], default=["true", "scan"])
     parser.add_argument("--settings", nargs="+", default=["1x16x.02d", "1x16x.05d", "3x16x.02d", "3x16x.05d"])
     parser.add_argument(
-        "--seconds", nargs="+", type=float, help="of Adam [default: once and thrice antirad's]"
+        "--cpu", nargs="+", type=float, default=[1, 2], help="CPU time of Adam, in multiples of antirad's"
     )
     parser.add_argument("--output", type=Path, default=Path("out/compare"))
     parser.add_argument("--resolution", type=int, default=128, help="columns and rows of each texture")
-    parser.add_argument("--scan-scale", type=float, default=0.5, help="of pictures, for the fit of the scan")
-    parser.add_argument("--true-scale", type=float, default=1.0, help="the same for the true mesh")
+    parser.add_argument("--scale", type=float, default=0.5, help="of pictures")
     parser.add_argument(
         "--every", type=int, default=4, help="iterations of antirad from one point to the next"
     )
@@ -565,7 +585,6 @@ def main():
     parser.add_argument("--judge-spp", type=int, default=512, help="samples per pixel of judged pictures")
     parser.add_argument("--reuse", action="store_true", help="take antirad's result from an earlier run")
     options = parser.parse_args()
-    options.scale = {"scan": options.scan_scale, "true": options.true_scale}
     options.output.mkdir(parents=True, exist_ok=True)
     backend = antirad.Backend()
     results = {
