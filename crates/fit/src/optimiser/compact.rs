@@ -317,7 +317,6 @@ mod tests {
             memory.push(s, y, 3);
         }
         assert_eq!(memory.s.len(), 3);
-        let compact = memory.compact().expect("regular");
         is_model(&memory, 1e-10);
     }
 

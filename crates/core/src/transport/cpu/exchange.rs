@@ -56,13 +56,14 @@ impl<T: Real> Operators<T> {
                 for (t, to) in &lit {
                     let pairs = &plan.interactions().by_receiver.near;
                     let close = far::Sources::Close { near: pairs, slots: slots.clone() };
-                    sent.add(Kernel::Near, &triangles, close, (*t, to), None, y, steps)?;
+                    sent.add(Kernel::Near, &triangles, (close, None), (*t, to), y, steps)?;
                 }
             }
             add_near_matrix(context, near.as_ref(), Some((g, &triangles)), &outgoing.radiance, y, steps);
             for (t, to) in &lit {
                 let kept = kept.as_ref().and_then(|kept| kept.of(*t, g));
-                sent.add(Kernel::Far, &triangles, far::triangles(plan, from), (*t, to), kept, y, steps)?;
+                let far = (far::triangles(plan, from), kept);
+                sent.add(Kernel::Far, &triangles, far, (*t, to), y, steps)?;
             }
             if let Some(clusters) = clusters {
                 if let Some(volumes) = volumes {
@@ -102,14 +103,13 @@ struct Sent<'a, T> {
 }
 
 impl<T: Real> Sent<'_, T> {
-    /// Adds what this rank's triangles `to` of a group receive from sources.
+    /// Adds what this rank's triangles `to` of a group receive from sources; with those, the pairs that are kept.
     fn add(
         &self,
         kernel: Kernel,
         sources: &Sources<T>,
-        from: far::Sources,
+        (from, kept): (far::Sources, Option<&[KeptPairs<T>]>),
         (t, to): (usize, &Group),
-        kept: Option<&[KeptPairs<T>]>,
         y: &mut Vector<T>,
         steps: &mut Steps,
     ) -> Result<(), TransportError> {
@@ -146,7 +146,7 @@ impl<T: Real> Sent<'_, T> {
             clusters: clusters.is_cluster(first).then(|| [clusters.first(), plan.sources()]),
             volumes: clusters.is_volume(first),
         };
-        self.add(Kernel::Far, sources, from, to, None, y, steps)
+        self.add(Kernel::Far, sources, (from, None), to, y, steps)
     }
 }
 
