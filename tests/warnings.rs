@@ -89,11 +89,11 @@ fn gains_are_those_of_the_formula() {
 #[test]
 fn stacked_layers_are_named() {
     let two = warnings(&Plates { count: 2, ..Plates::default() }.scene().expect("a scene"));
-    let eight = warnings(&Plates { count: 8, ..Plates::default() }.scene().expect("a scene"));
-    let [two, eight] = [&two, &eight].map(|w| w.get(Kind::StackedLayers).expect("a warning").clone());
-    assert!(eight.effect.share > 0.05 && eight.worst[0].value > 100.0 * two.worst[0].value, "{two}\n{eight}");
-    for k in 1..=8 {
-        assert!(eight.message.contains(&format!("\"plate {k}\"")), "{}", eight.message);
+    let five = warnings(&Plates { count: 5, ..Plates::default() }.scene().expect("a scene"));
+    let [two, five] = [&two, &five].map(|w| w.get(Kind::StackedLayers).expect("a warning").clone());
+    assert!(five.effect.share > 0.05 && five.worst[0].value > 100.0 * two.worst[0].value, "{two}\n{five}");
+    for k in 1..=5 {
+        assert!(five.message.contains(&format!("\"plate {k}\"")), "{}", five.message);
     }
     assert!(!two.message.contains("plate 3"), "{}", two.message);
     // A single layer is not a stack.
@@ -202,7 +202,6 @@ fn triangles_are_named_by_file_and_line() {
 fn refinement_removes_the_causes() {
     for (name, mut scene) in [
         ("cornell_boxes", load("scenes/cornell_boxes.toml")),
-        ("two_rooms", load("scenes/two_rooms.toml")),
         ("plates", Plates { cells: 6, gap: 0.5, ..Plates::default() }.scene().expect("a scene")),
     ] {
         let old = scene.clone();
@@ -240,7 +239,7 @@ fn refinement_removes_the_causes() {
 fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
     let scene = load("scenes/coarse_cornell.toml");
     let backend = backend();
-    let truth: Vec<DVec3> = PathTracer::new(&scene).irradiance(20_000).iter().map(|e| e.mean).collect();
+    let truth: Vec<DVec3> = PathTracer::new(&scene).irradiance(6000).iter().map(|e| e.mean).collect();
     let given = areas(&scene);
     let error = |scene: &Scene, parents: &[u32]| {
         let mut scene = scene.clone();
@@ -261,7 +260,7 @@ fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
         "{found}"
     );
     let mut fine = scene.clone();
-    let options = RefineOptions::default().max_triangles(1500);
+    let options = RefineOptions::default().max_triangles(800);
     let refined = refine(&mut fine, &PlanOptions::default(), &options).expect("refined");
     let mended = error(&fine, &refined.parents);
     println!("{} triangles: {coarse:.4}; {}: {mended:.4}", scene.triangles.len(), fine.triangles.len());

@@ -101,11 +101,12 @@ mod tests {
         ] {
             let lens = lens(distortion);
             let (photo, mask) = ramp(200, 150).through_pinhole(&lens, None, 200, 150);
+            let projection = lens.projection();
             let focal = 100.0 / (lens.fov_x_degrees() / 2.0).to_radians().tan();
             let mut covered = 0;
             for (index, (pixel, weight)) in photo.pixels.iter().zip(&mask.values).enumerate() {
                 let (x, y) = ((index % 200) as f64 + 0.5, (index / 200) as f64 + 0.5);
-                let seen = lens.project(DVec3::new((x - 100.0) / focal, (y - 75.0) / focal, 1.0));
+                let seen = projection.project(DVec3::new((x - 100.0) / focal, (y - 75.0) / focal, 1.0));
                 let inside = seen.filter(|p| p.cmpge(DVec2::ZERO).all() && p.x <= 200.0 && p.y <= 150.0);
                 let Some(seen) = inside.filter(|_| *weight > 0.0) else {
                     // Only pixels at the very edge have their middle in the photo, and a corner outside.
