@@ -4,7 +4,7 @@
 //! foot of the box, by as much as it covers.
 
 use super::adjacency::Edge;
-use super::rays::{Rays, boxed};
+use super::rays::boxed;
 use super::refine::Part;
 use super::{Edges, Scene, Welded, bounds, sides};
 use glam::{DVec2, DVec3};
@@ -19,7 +19,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 /// Lengths below this share of the scene's diagonal are rounding.
-const TOLERANCE: f64 = 1e-6;
+pub(super) const TOLERANCE: f64 = 1e-6;
 /// Lines shorter than this share of the root of a triangle's area, all together, enclose less than a thousandth of it.
 const SHORT: f64 = 0.1;
 /// Triangles the root of whose area is below this share of the diagonal stay whole: what is covered of them shows nowhere, and cuts of a
@@ -33,18 +33,13 @@ const FINE: f64 = 0.15;
 const MOST_LINES: usize = 256;
 /// Nor with more places where lines end or cross.
 const MOST_PLACES: usize = 1024;
-/// Rays of a part that tell whether it is covered, and the share of them that must meet backs.
-const RAYS: u32 = 64;
-const BACKS: f64 = 0.4;
-/// Radians.
-const GOLDEN_ANGLE: f64 = 2.399_963;
 /// Cosine between normals of one plane.
 const FLAT: f64 = 1.0 - 1e-9;
 
 impl Scene {
     /// Cuts all but small triangles along the lines on which others of their size stand on them or pass through them, the largest first,
-    /// until `max_triangles` would be exceeded; parts inside of others, which see nothing but backs, are left out. Surfaces that emit and
-    /// reflect nothing stay.
+    /// until `max_triangles` would be exceeded; parts inside of others, which no light reaches, are left out, and with them what they see.
+    /// Surfaces that emit and reflect nothing stay.
     ///
     /// Returns the original triangle of each new one.
     pub fn cut_along_contacts(&mut self, max_triangles: usize) -> Vec<u32> {
@@ -74,41 +69,13 @@ impl Scene {
             return (0..count).collect();
         }
         let parents = self.replace(&parts);
-        let covered = self.covered(&parents, |parent| parts[parent as usize].is_some());
+        let is_part = |t: &u32| parts[parents[*t as usize] as usize].is_some();
+        let covered = self.covered((0..parents.len() as u32).filter(is_part).collect());
         let left: Vec<Option<Vec<Part>>> = covered.iter().map(|covered| covered.then(Vec::new)).collect();
         self.replace(&left).into_iter().map(|part| parents[part as usize]).collect()
     }
 
-    /// Whether triangles that are parts of some see nothing but backs, and thus lie within others.
-    fn covered(&self, parents: &[u32], is_cut: impl Fn(u32) -> bool + Sync) -> Vec<bool> {
-        let rays = Rays::new(self);
-        let lift = 2.0 * TOLERANCE * self.diagonal();
-        let is_covered = |(part, &parent): (usize, &u32)| {
-            let normal = self.area_vector(part).normalize_or_zero();
-            if !is_cut(parent) || normal == DVec3::ZERO {
-                return false;
-            }
-            let (u, v) = normal.any_orthonormal_pair();
-            let [a, b, c] = self.corners(part);
-            let origin = (a + b + c) / 3.0 + lift * normal;
-            let mut backs = 0;
-            for k in 0..RAYS {
-                // A spiral of even density over the projected hemisphere.
-                let radius = ((f64::from(k) + 0.5) / f64::from(RAYS)).sqrt();
-                let (sin, cos) = (f64::from(k) * GOLDEN_ANGLE).sin_cos();
-                let direction = radius * (cos * u + sin * v) + (1.0 - radius * radius).sqrt() * normal;
-                match rays.first_is_front(origin, direction, part) {
-                    Some(true) => return false,
-                    Some(false) => backs += 1,
-                    None => {}
-                }
-            }
-            f64::from(backs) >= BACKS * f64::from(RAYS)
-        };
-        parents.par_iter().enumerate().map(is_covered).collect()
-    }
-
-    fn diagonal(&self) -> f64 {
+    pub(super) fn diagonal(&self) -> f64 {
         let (low, high) = bounds((0..self.triangles.len()).flat_map(|t| self.corners(t)));
         low.distance(high)
     }

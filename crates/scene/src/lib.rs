@@ -13,6 +13,7 @@ mod camera;
 mod cameras;
 mod check;
 mod contacts;
+mod covered;
 mod energy;
 mod error;
 mod file;

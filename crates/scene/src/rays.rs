@@ -28,6 +28,13 @@ struct Hit {
     front: bool,
 }
 
+/// A side of a triangle.
+pub(crate) enum Side {
+    /// That of this triangle.
+    Front(usize),
+    Back,
+}
+
 /// The box of a triangle, grown by rounding, in a frame about such a centre with such a scale, in which the scene is within the unit ball.
 pub(super) fn boxed(corners: [DVec3; 3], (centre, scale): (DVec3, f64)) -> Aabb {
     let (low, high) = bounds(corners.map(|corner| (corner - centre) * scale));
@@ -92,21 +99,22 @@ impl Rays {
         best.map(|(triangle, hit)| (triangle, hit.distance))
     }
 
-    /// What a ray along a unit direction meets first: true for a front, false for a back, `None` for nothing, or for both sides of a sheet
-    /// and two surfaces that touch. Never `from`, where it starts.
-    pub(crate) fn first_is_front(&self, origin: DVec3, direction: DVec3, from: usize) -> Option<bool> {
-        // Distances to the nearest back and front.
-        let mut nearest = [f64::INFINITY; 2];
+    /// The side of a triangle that a ray along a unit direction meets first, `None` for nothing, or for both sides of a sheet and two
+    /// surfaces that touch. Never `from`, where it starts.
+    pub(crate) fn first_side(&self, origin: DVec3, direction: DVec3, from: usize) -> Option<Side> {
+        // The nearest back and front, and their distances.
+        let mut nearest = [(f64::INFINITY, from); 2];
         self.visit(origin, direction, f64::INFINITY, |triangle, hit| {
             let side = usize::from(hit.front);
-            let nearer = triangle != from && hit.distance < nearest[side];
+            let nearer = triangle != from && hit.distance < nearest[side].0;
             nearer.then(|| {
-                nearest[side] = hit.distance;
-                nearest[0].min(nearest[1]) + self.epsilon
+                nearest[side] = (hit.distance, triangle);
+                nearest[0].0.min(nearest[1].0) + self.epsilon
             })
         });
-        let [back, front] = nearest;
-        ((back - front).abs() > self.epsilon).then_some(front < back)
+        let [(back, _), (front, triangle)] = nearest;
+        let side = if front < back { Side::Front(triangle) } else { Side::Back };
+        ((back - front).abs() > self.epsilon).then_some(side)
     }
 
     /// All fronts along a unit direction, from near to far, with their distances, m; without `from`, where the ray starts.
