@@ -60,11 +60,11 @@ fn with_solver(scene: &Scene, solver: SolverChoice) -> SolveSettings {
     settings.lamps(Lamps::Antiradiance).visibility(VisibilityChoice::Implicit)
 }
 
-/// Correct within 1.5 % at albedo 0.95, and within 1 % at 0.99 with a near field of 400, which a warning recommends.
+/// Correct within 1.5 % at albedo 0.95, and within 1 % up to 0.99 with a near field of 400, which a warning recommends.
 #[test]
 fn closed_boxes_of_high_albedo() {
     let backend = backend();
-    for (albedo, near_field, bound) in [(0.95, 30.0, 0.015), (0.99, 400.0, 0.01)] {
+    for (albedo, near_field, bound) in [(0.95, 30.0, 0.015), (0.95, 400.0, 0.01), (0.99, 400.0, 0.01)] {
         let scene = furnace(8, albedo, |_, _| {});
         let settings = with_solver(&scene, SolverChoice::Gmres).near_field(near_field);
         let (_engine, solution) = solve(&backend, &scene, &settings);
@@ -256,7 +256,7 @@ fn under(backend: &Backend, plates: &Plates) -> Result<f64, EngineError> {
 #[test]
 fn stacks_of_plates() {
     let backend = backend();
-    for (count, bound) in [(1, 0.05), (2, 0.05), (8, 0.05)] {
+    for (count, bound) in [(1, 0.05), (2, 0.05), (4, 0.05), (8, 0.05)] {
         let plates = Plates { count, gap: 0.24, ..Plates::default() };
         let leak = under(&backend, &plates).expect("a solution");
         println!("{count} plates: {:.1} % of the light comes through", 100.0 * leak);

@@ -132,18 +132,18 @@ fn a_box_is_moved_back_by_what_two_views_see() {
     let boxed = "\n[[mesh]]\nname = \"block\"\nshape = { kind = \"box\", cells = 1 }\nmaterial = \"lamp\"\n\
                  scale = 0.2\ntranslate = [0.4, 0.1, 0.5]\n";
     let room =
-        format!("{ROOM}{boxed}{SETTINGS}").replace("width = 32\nheight = 24", "width = 48\nheight = 36");
-    let room = room.replace("width = 16\nheight = 16", "width = 36\nheight = 36");
+        format!("{ROOM}{boxed}{SETTINGS}").replace("width = 32\nheight = 24", "width = 64\nheight = 48");
+    let room = room.replace("width = 16\nheight = 16", "width = 48\nheight = 48");
     let job = "scene = \"room.toml\"\n[[target]]\npicture = \"out/main.exr\"\ncamera = \"main\"\n[[target]]\n\
                picture = \"out/side.exr\"\ncamera = \"side\"\n[[fit]]\nparameter = \"position\"\n\
                meshes = [\"block\"]\nmotion = \"translation\"\ninitial = [0.02, -0.02, 0.02]\n\
-               [stop]\nrelative_decrease = 1e-3\niterations = 15\n[solve]\nsupersample = 8\n";
+               [stop]\nrelative_decrease = 1e-3\niterations = 25\n[solve]\nsupersample = 8\n";
     let folder = Folder::with(&[("room.toml", room.as_str()), ("job.toml", job)]);
     folder.render("room.toml --refine=never --supersample 8").succeeded();
     folder.run("fit job.toml --output fits").succeeded();
     let way = value(&folder, "fits/job/parameters.json", "translation");
     // Initially off by a tenth of its size.
-    assert!(way.iter().all(|w| w.abs() < 2e-3), "{way:?}");
+    assert!(way.iter().all(|w| w.abs() < 1e-3), "{way:?}");
 }
 
 /// A photo whose camera is not quite known: the fitted scene has it where it is found, beside its own cameras. It is rolled, since level edges
@@ -156,7 +156,7 @@ fn a_camera_is_found_and_kept() {
         .replace("width = 32\nheight = 24", "up = [0.3, 1, 0.1]\nwidth = 64\nheight = 48");
     let job = "scene = \"room.toml\"\n[[target]]\npicture = \"out/photo.exr\"\nview = { position = [0.505, 0.496, 0.05], \
                target = [0.512, 0.5, 1], up = [0.3, 1, 0.1], fov_x_degrees = 85, width = 64, height = 48 }\n[[fit]]\n\
-               parameter = \"camera\"\n[stop]\niterations = 15\n[solve]\nsupersample = 8\n";
+               parameter = \"camera\"\n[stop]\niterations = 25\n[solve]\nsupersample = 8\n";
     let folder = Folder::with(&[("room.toml", room.as_str()), ("job.toml", job)]);
     folder.render("room.toml --refine=never --supersample 8").succeeded();
     std::fs::rename(folder.path("out/main.exr"), folder.path("out/photo.exr")).expect("renamed");

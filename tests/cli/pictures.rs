@@ -411,7 +411,7 @@ fn settings_for_a_target_error() {
     assert_eq!(refinement["steps"][0]["triangles"], triangles);
     let rough = refinement["steps"][0]["estimate"]["total"].as_f64().expect("an estimate");
 
-    clean_render(&folder, "room.toml --target-error 0.01");
+    clean_render(&folder, "room.toml --target-error 0.005");
     let refinement = &folder.json("out/report.json")["refinement"];
     let last = refinement["steps"].as_array().and_then(|steps| steps.last()).expect("a step").clone();
     println!("{last}");
