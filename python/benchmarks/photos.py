@@ -36,10 +36,12 @@ import antirad
 
 compare.MEASURES["photos"] = "relMSE of a view that no photo shows"
 HIGHEST_ALBEDO = 0.99
-# The loss of antirad's fits of photographs: Huber's, relative to means of the target over 5 x 5 pixels.
+# The loss of antirad's fits of photographs: Huber's, relative to means of the target over the 5 x 5 pixels
+# around, without the pixel itself.
 REACH, EPSILON, THRESHOLD = 2, 0.1, 10.0
-# Its total variation of textures.
+# Its total variation of textures, and its prior of albedos: weight and value.
 EVENNESS, EDGE = 0.1, 0.02
+OPEN, USUAL_ALBEDO = 0.01, 0.5
 
 
 class Mesh:
@@ -391,6 +393,11 @@ class Traced:
                 pairs += int(np.prod(d.shape))
         return EVENNESS * total / pairs
 
+    def prior(self, albedos):
+        """Mean squared distance of albedos from the usual one, in which a texture counts as one."""
+        means = [dr.mean((albedo - USUAL_ALBEDO) ** 2, axis=None) for albedo in albedos]
+        return OPEN * sum(means) / len(means)
+
     def adam(self, setting, cpu):
         """Run Adam for some CPU time: unknowns at about two moments in each doubling of it."""
         Adam(self, setting).step()  # compiles
@@ -437,11 +444,13 @@ def downscaled(picture, scale):
 
 
 def local_means(picture):
-    """Mean over squares, cut off at the border."""
+    """Mean over the squares around pixels, without the pixel itself, cut off at the border."""
     total, count = np.zeros_like(picture), np.zeros((*picture.shape[:2], 1))
     height, width, _ = picture.shape
     for dy in range(-REACH, REACH + 1):
         for dx in range(-REACH, REACH + 1):
+            if (dy, dx) == (0, 0):
+                continue
             ys, xs = slice(max(0, dy), height + min(0, dy)), slice(max(0, dx), width + min(0, dx))
             yt, xt = slice(max(0, -dy), height + min(0, -dy)), slice(max(0, -dx), width + min(0, -dx))
             total[yt, xt] += picture[ys, xs]
@@ -495,6 +504,7 @@ class Adam:
         textures = [self.optimiser[self.names[k]] for k, v in self.start.items() if np.ndim(v) == 3]
         if textures:
             total += traced.unevenness(textures)
+        total += traced.prior([self.optimiser[self.names[key]] for key in self.start if key[1] == "albedo"])
         dr.backward(total)
         self.optimiser.step()
         for key, name in self.names.items():

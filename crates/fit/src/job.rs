@@ -22,7 +22,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::f64::consts::PI;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -495,19 +495,15 @@ impl Job {
         let mut best = self.few_steps(self.new_optimiser(), renderer, watch)?;
         if let Optimiser::QuasiNewton(optimiser) = &mut best.optimiser {
             // That of earlier steps is no longer that of this point.
-            let hessian =
-                self.problem.gauss_newton(optimiser.x(), renderer).map_err(|error| match error {
-                    RenderError::Interrupted => FitError::Interrupted { iteration: 0 },
-                    error => error.into(),
-                })?;
+            let hessian = self.problem.gauss_newton(optimiser.x(), renderer).map_err(before_the_first)?;
             hessian.iter().for_each(|hessian| optimiser.set_hessian(hessian));
         }
         let mut candidates = self.problem.parameters.candidates();
         let mut dark = Vec::new();
         while let Optimiser::QuasiNewton(optimiser) = &best.optimiser {
             let loss = best.loss();
-            let without = |(at, (_, name, unknowns)): (usize, &(usize, &str, Vec<usize>))| {
-                let (increase, trial) = optimiser.without(unknowns)?;
+            let without = |(at, (_, name, unknowns)): (usize, &(usize, &str, Range<usize>))| {
+                let (increase, trial) = optimiser.without(unknowns.clone())?;
                 tracing::info!(
                     "without light of {name} the loss is expected {:.2} % higher",
                     100.0 * increase / loss
@@ -539,8 +535,7 @@ impl Job {
         while progress.stop(&rule).is_none() {
             let record = advance(&self.problem, &self.settings, None, &mut progress, renderer);
             let record = record.map_err(|error| match error {
-                StepError::Objective(RenderError::Interrupted) => FitError::Interrupted { iteration: 0 },
-                StepError::Objective(error) => error.into(),
+                StepError::Objective(error) => before_the_first(error),
                 error => FitError::Optimiser(error.to_string()),
             })?;
             let Some(record) = record else { break };
@@ -579,10 +574,7 @@ impl Job {
         }
         if resumed_from.is_none() && self.settings.scale_emission {
             let start = self.problem.parameters.start();
-            let x = self.problem.scaled_emission(start, renderer).map_err(|error| match error {
-                RenderError::Interrupted => FitError::Interrupted { iteration: 0 },
-                error => error.into(),
-            })?;
+            let x = self.problem.scaled_emission(start, renderer).map_err(before_the_first)?;
             progress = FitProgress::new(self.optimiser_from(x));
         }
         let mut coarse = None;
@@ -699,6 +691,14 @@ impl Job {
     }
 }
 
+/// What an error before the first iteration means to a fit.
+fn before_the_first(error: RenderError) -> FitError {
+    match error {
+        RenderError::Interrupted => FitError::Interrupted { iteration: 0 },
+        error => error.into(),
+    }
+}
+
 /// The start, or the next iteration, which it adds to the history; `None` where no progress can be made. `coarse`: what is known of the
 /// Hessian at the start.
 fn advance(
@@ -780,10 +780,7 @@ fn step(
             trail.borrow_mut().follow(x, !moves, renderer, |renderer| {
                 if problem.gauss_newton_pictures() > settings.gauss_newton {
                     let diagonal = problem.own_curvature(x, coarse.is_none(), renderer)?;
-                    return Ok(diagonal.map(|diagonal| match coarse {
-                        Some(coarse) => KnownHessian::DiagonalAndCoarse(diagonal, coarse.clone()),
-                        None => KnownHessian::Diagonal(diagonal),
-                    }));
+                    return Ok(diagonal.map(|diagonal| KnownHessian::Diagonal(diagonal, coarse.cloned())));
                 }
                 Ok(problem.gauss_newton(x, renderer)?.map(KnownHessian::Whole))
             })

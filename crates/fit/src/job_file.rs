@@ -146,6 +146,15 @@ const USUAL_ALBEDO: f64 = 0.5;
 /// Relative decrease of the loss below which a fit of photographs ends: most of their loss is noise.
 const DECREASE_OF_PHOTOGRAPHS: f64 = 2e-3;
 
+/// What is assumed unless regularisers are stated.
+fn usual_regularisers(fits: &[Fit], are_photographs: bool) -> Vec<Regulariser> {
+    let evenness = Regulariser::TotalVariation { weight: EVENNESS };
+    let prior = Regulariser::Prior { of: Quantity::Albedo, value: Some([USUAL_ALBEDO; 3]), weight: OPEN };
+    let textures = fits.iter().any(|fit| fit.per == Per::Texel);
+    let albedos = are_photographs && fits.iter().any(|fit| fit.quantity == Quantity::Albedo);
+    [textures.then_some(evenness), albedos.then_some(prior)].into_iter().flatten().collect()
+}
+
 impl JobFile {
     /// Reads and checks a job, its scene and its pictures. Paths are relative to the file.
     ///
@@ -317,13 +326,8 @@ impl JobFile {
                     .into());
             }
         }
-        if table.regulariser.is_empty() && settings.fits.iter().any(|fit| fit.per == Per::Texel) {
-            settings.regularisers.push(Regulariser::TotalVariation { weight: EVENNESS });
-        }
-        let fits_albedo = settings.fits.iter().any(|fit| fit.quantity == Quantity::Albedo);
-        if table.regulariser.is_empty() && are_photographs && fits_albedo {
-            let value = Some([USUAL_ALBEDO; 3]);
-            settings.regularisers.push(Regulariser::Prior { of: Quantity::Albedo, value, weight: OPEN });
+        if table.regulariser.is_empty() {
+            settings.regularisers = usual_regularisers(&settings.fits, are_photographs);
         }
         for term in &table.regulariser {
             let regulariser =

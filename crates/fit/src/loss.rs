@@ -39,8 +39,8 @@ pub enum LossKind {
     /// negative v, which antiradiance can cause. Its derivative is discontinuous at v = t and taken as 0 there.
     LogL1,
     /// u² for |u| up to a threshold k, and k (2 |u| - k) beyond, with u = d / √(m² + ε²) and m the mean of the target over the
-    /// 5 x 5 pixels around, without the pixel itself: relative like [`Self::RelativeL2`], but outliers count by their size alone, and noise of the target does not
-    /// decide what it counts (Huber 1964). The loss for photos.
+    /// 5 x 5 pixels around, without the pixel itself: relative like [`Self::RelativeL2`], but outliers count by their size alone, and
+    /// noise of the target does not decide what it counts (Huber 1964). The loss for photos.
     Huber,
 }
 

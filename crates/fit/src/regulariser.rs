@@ -235,18 +235,17 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
             }
         }
         Regulariser::Prior { of, value, .. } => {
-            let unknowns = parameters.unknowns_of(*of);
+            let groups = parameters.groups_of(*of);
+            let unknowns: Vec<usize> = groups.iter().cloned().flatten().collect();
             if unknowns.is_empty() {
                 return Err(missing(*of));
             }
-            let values = match value {
+            let values: Vec<f64> = match value {
                 None => unknowns.iter().map(|&i| parameters.start()[i]).collect(),
                 Some(value) => parameters.unknowns_for(*of, *value).ok_or_else(|| {
                     format!("the prior of a {} is where it starts: leave `value` out", of.word())
                 })?,
             };
-            let values: Vec<f64> = values;
-            let groups = parameters.groups_of(*of);
             let weights = groups.iter().flat_map(|group| {
                 let weight = weight / (groups.len() * group.len()) as f64;
                 group.clone().map(move |_| weight)

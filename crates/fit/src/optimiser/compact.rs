@@ -51,9 +51,14 @@ impl Memory {
         self.s.is_empty() && !self.informed
     }
 
-    /// A memory with a given diagonal, whose entries of 0 are unknown; see [`Self::of_hessian`] for `longest`. `None` if nothing is
-    /// known, or an entry is not finite.
-    pub fn of_diagonal(diagonal: &[f64], gradient: &[f64], longest: f64) -> Option<Self> {
+    /// A memory with a given diagonal, whose entries of 0 are unknown, and a Hessian within a subspace, which is left out if it is not finite,
+    /// or zero; see [`Self::of_hessian`] for `longest`. `None` if nothing is known of the diagonal, or an entry is not finite.
+    pub fn of_diagonal(
+        diagonal: &[f64],
+        coarse: Option<CoarseHessian>,
+        gradient: &[f64],
+        longest: f64,
+    ) -> Option<Self> {
         let known: Vec<f64> = diagonal.iter().copied().filter(|d| *d > 0.0).collect();
         let mean = known.iter().sum::<f64>() / known.len() as f64;
         if diagonal.len() != gradient.len() || !mean.is_finite() {
@@ -64,7 +69,11 @@ impl Memory {
             d.max(LEAST_CURVATURE * mean).max(g.abs() / longest)
         };
         let diagonal = diagonal.iter().zip(gradient).map(entry).collect();
-        Some(Self { diagonal, informed: true, ..Self::new(gradient.len()) })
+        let coarse = coarse.and_then(|coarse| {
+            let hessian = steepened(&coarse.hessian, &coarse.restricted(gradient), longest)?;
+            Some(CoarseHessian { hessian, ..coarse })
+        });
+        Some(Self { diagonal, coarse, informed: true, ..Self::new(gradient.len()) })
     }
 
     /// A memory whose model has the given Hessian (row by row). Where the Hessian is so flat that a step against `gradient` would change
@@ -75,14 +84,6 @@ impl Memory {
         let diagonal = (0..n).map(|i| steep[i * n + i]).collect();
         let coarse = CoarseHessian { of: (0..n as u32).collect(), hessian: steep };
         Some(Self { diagonal, coarse: Some(coarse), informed: true, ..Self::new(n) })
-    }
-
-    /// This memory with a Hessian within a subspace; without it, if that is not finite, or zero.
-    pub fn within(mut self, coarse: CoarseHessian, gradient: &[f64], longest: f64) -> Self {
-        let along = coarse.restricted(gradient);
-        let steep = steepened(&coarse.hessian, &along, longest);
-        self.coarse = steep.map(|hessian| CoarseHessian { hessian, ..coarse });
-        self
     }
 
     /// Adds a pair and drops all but the latest `length`. A pair without positive curvature is skipped: it would make the model unbounded.
@@ -336,8 +337,9 @@ mod tests {
     #[test]
     fn a_hessian_within_a_subspace() {
         let coarse = CoarseHessian { of: vec![0, 1, 0, 0, 1], hessian: vec![5.0, -2.0, -2.0, 3.0] };
-        let diagonal = Memory::of_diagonal(&[1.0, 2.0, 0.5, 4.0, 3.0], &[0.0; 5], 1.0).expect("a memory");
-        let mut memory = diagonal.within(coarse.clone(), &[0.0; 5], 1.0);
+        let diagonal = [1.0, 2.0, 0.5, 4.0, 3.0];
+        let memory = Memory::of_diagonal(&diagonal, Some(coarse.clone()), &[0.0; 5], 1.0);
+        let mut memory = memory.expect("a memory");
         is_model(&memory, 1e-12);
         let b = dense(&memory);
         let p = DMatrix::from_fn(5, 2, |i, j| f64::from(u8::from(coarse.of[i] as usize == j)));

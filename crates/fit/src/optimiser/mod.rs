@@ -32,10 +32,8 @@ pub type Hessian<'a, E> = dyn FnMut(&[f64]) -> Result<Option<KnownHessian>, E> +
 pub enum KnownHessian {
     /// The whole Hessian, row by row.
     Whole(Vec<f64>),
-    /// The diagonal of the Hessian, not negative; 0 where nothing is known. The optimiser starts from it.
-    Diagonal(Vec<f64>),
-    /// The same, and the Hessian within a subspace.
-    DiagonalAndCoarse(Vec<f64>, CoarseHessian),
+    /// The diagonal of the Hessian, not negative, 0 where nothing is known; and the Hessian within a subspace. The optimiser starts from them.
+    Diagonal(Vec<f64>, Option<CoarseHessian>),
 }
 
 /// The Hessian of few coarse unknowns z of an objective, where each unknown follows one of them: x = P z.

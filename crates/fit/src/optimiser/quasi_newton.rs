@@ -9,6 +9,7 @@ use super::line_search::{Found, Line};
 use super::{Bounds, Hessian, KnownHessian, Objective, Point, Step, StepError, dot, largest_difference};
 use antirad_base::setters;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Options of the quasi-Newton method.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,11 +87,11 @@ impl QuasiNewton {
 
     /// What the model expects where some unknowns are held at 0: by how much the minimum is above the current value, and this optimiser started
     /// from there. `None` where nothing is known.
-    pub(crate) fn without(&self, unknowns: &[usize]) -> Option<(f64, Self)> {
+    pub(crate) fn without(&self, unknowns: Range<usize>) -> Option<(f64, Self)> {
         let (here, hessian) = self.point.as_ref().zip(self.memory.compact())?;
         let mut bounds = self.bounds.clone();
         let mut x = here.x.clone();
-        for &i in unknowns {
+        for i in unknowns {
             (bounds.lower[i], bounds.upper[i], x[i]) = (0.0, 0.0, 0.0);
         }
         let at = |x: Vec<f64>| -> Point {
@@ -147,16 +148,12 @@ impl QuasiNewton {
             true => hessian(&here.x).map_err(StepError::Objective)?,
             false => None,
         };
-        self.by_diagonal |= given.as_ref().is_some_and(|given| !matches!(given, KnownHessian::Whole(_)));
+        self.by_diagonal |= matches!(given, Some(KnownHessian::Diagonal(..)));
         let seeded = match given {
             Some(KnownHessian::Whole(hessian)) => Memory::of_hessian(&hessian, &here.gradient, LONGEST),
             // Later, what the steps have shown is better.
-            Some(KnownHessian::Diagonal(diagonal)) if memory.is_blank() => {
-                Memory::of_diagonal(&diagonal, &here.gradient, LONGEST)
-            }
-            Some(KnownHessian::DiagonalAndCoarse(diagonal, coarse)) if memory.is_blank() => {
-                let memory = Memory::of_diagonal(&diagonal, &here.gradient, LONGEST);
-                memory.map(|memory| memory.within(coarse, &here.gradient, LONGEST))
+            Some(KnownHessian::Diagonal(diagonal, coarse)) if memory.is_blank() => {
+                Memory::of_diagonal(&diagonal, coarse, &here.gradient, LONGEST)
             }
             _ => None,
         };
@@ -325,12 +322,12 @@ mod tests {
             (0.5 * (a * a + b * b + c * c), vec![a + b, a, c])
         };
         let mut optimiser = new(vec![0.9, 0.8, 0.1], Bounds::free(3));
-        assert!(optimiser.without(&[1]).is_none(), "nothing is known yet");
+        assert!(optimiser.without(1..2).is_none(), "nothing is known yet");
         optimiser.step(&mut |x: &[f64]| -> Result<_> { Ok(value(x)) }, &mut |_| Ok(None)).expect("a step");
         optimiser.set_hessian(&hessian);
         let reached = value(optimiser.x()).0;
         for (unknown, minimum, x_0) in [(1, 0.25, 1.5), (2, 0.0, 1.0)] {
-            let (increase, started) = optimiser.without(&[unknown]).expect("a model");
+            let (increase, started) = optimiser.without(unknown..unknown + 1).expect("a model");
             assert!((reached + increase - minimum).abs() < 1e-9, "{unknown}: {increase}");
             assert!(started.x()[unknown] == 0.0 && (started.x()[0] - x_0).abs() < 1e-6, "{:?}", started.x());
         }
@@ -444,8 +441,9 @@ mod tests {
             let mut evaluations = 0;
             for _ in 0..500 {
                 let mut objective = |x: &[f64]| -> Result<_> { Ok(quadratic(&h, &c, 0.0, x)) };
-                let mut hessian =
-                    |_: &[f64]| -> Result<_> { Ok(diagonal.clone().map(KnownHessian::Diagonal)) };
+                let mut hessian = |_: &[f64]| -> Result<_> {
+                    Ok(diagonal.clone().map(|diagonal| KnownHessian::Diagonal(diagonal, None)))
+                };
                 let step = optimiser.step(&mut objective, &mut hessian).expect("a step");
                 evaluations += step.evaluations;
                 if step.gradient < 1e-9 || !step.progress {

@@ -14,7 +14,7 @@ impl Parameters {
         let mut by_unknowns = vec![0.0; self.len()];
         let by_material = self.by_material(x, gradient);
         for block in &self.blocks {
-            let to = &mut by_unknowns[block.first..block.first + block.unknowns()];
+            let to = &mut by_unknowns[block.range()];
             match &block.what {
                 What::Material { quantity, materials, .. } => {
                     let unknowns = &x[block.first..];

@@ -90,6 +90,11 @@ impl Shown {
 }
 
 impl ParameterBlock {
+    /// Its unknowns among all.
+    fn range(&self) -> Range<usize> {
+        self.first..self.first + self.unknowns()
+    }
+
     fn unknowns(&self) -> usize {
         match &self.what {
             What::Material { quantity, .. } => quantity.channels(),
@@ -307,23 +312,18 @@ impl Parameters {
     }
 
     /// Candidates for lamps ([`Fit::groups`] of emission): number of the block, name, unknowns.
-    pub(super) fn candidates(&self) -> Vec<(usize, &str, Vec<usize>)> {
+    pub(super) fn candidates(&self) -> Vec<(usize, &str, Range<usize>)> {
         let may_shine = |block: &ParameterBlock| {
             let fit = &self.fits[block.fit];
             fit.quantity == Quantity::Emission && fit.groups.is_some()
         };
         let blocks = self.blocks.iter().enumerate().filter(|(_, block)| may_shine(block));
-        blocks.map(|(b, block)| (b, block.name.as_str(), self.unknowns_of_block(b))).collect()
-    }
-
-    fn unknowns_of_block(&self, block: usize) -> Vec<usize> {
-        let block = &self.blocks[block];
-        (block.first..block.first + block.unknowns()).collect()
+        blocks.map(|(b, block)| (b, block.name.as_str(), block.range())).collect()
     }
 
     /// Holds the unknowns of a block at 0.
     pub(super) fn hold_at_zero(&mut self, block: usize) {
-        for i in self.unknowns_of_block(block) {
+        for i in self.blocks[block].range() {
             (self.bounds.lower[i], self.bounds.upper[i], self.start[i]) = (0.0, 0.0, 0.0);
         }
     }
@@ -472,7 +472,7 @@ impl Parameters {
     /// The same, by group: the channels of a colour, the texels of a texture, the coordinates of a motion.
     pub fn groups_of(&self, quantity: Quantity) -> Vec<Range<usize>> {
         let blocks = self.blocks.iter().filter(|block| self.fits[block.fit].quantity == quantity);
-        blocks.map(|block| block.first..block.first + block.unknowns()).collect()
+        blocks.map(ParameterBlock::range).collect()
     }
 
     /// Groups of unknowns whose derivatives one change of the scene shows: the channels of a colour, which do not mix in any
@@ -481,7 +481,7 @@ impl Parameters {
     pub(super) fn columns(&self) -> Vec<Vec<Shown>> {
         let (mut of_cameras, mut columns) = (Vec::new(), Vec::new());
         for block in &self.blocks {
-            let unknowns = block.first..block.first + block.unknowns();
+            let unknowns = block.range();
             let alone = |unknown| Shown { unknown, channel: None, views: None };
             match &block.what {
                 What::Material { quantity, .. } if quantity.channels() == 3 => {
@@ -538,7 +538,7 @@ impl Parameters {
                 What::Material { quantity, triangles, .. } => (quantity, triangles),
                 What::Texture { painting, .. } => {
                     // A pixel is about as large as a texel.
-                    let to = &mut by_unknowns[block.first..block.first + block.unknowns()];
+                    let to = &mut by_unknowns[block.range()];
                     let mut squares = vec![DVec3::ZERO; to.len() / 3];
                     self.paintings[*painting].pull_back(|t| by_triangles.albedo[t], &mut squares);
                     to.iter_mut().zip(squares.iter().flat_map(|s| s.to_array())).for_each(|(to, s)| *to = s);
@@ -561,7 +561,7 @@ impl Parameters {
 
     /// The texels of a texture at the given unknowns.
     fn texels(&self, block: &ParameterBlock, x: &[f64]) -> Vec<DVec3> {
-        x[block.first..block.first + block.unknowns()].chunks_exact(3).map(DVec3::from_slice).collect()
+        x[block.range()].chunks_exact(3).map(DVec3::from_slice).collect()
     }
 
     /// The unknowns for an RGB value of a quantity, per channel of [`Self::unknowns_of`]; `None` for positions and cameras.

@@ -29,7 +29,7 @@ impl Parameters {
         let (found, initial) = (self.scene(x), self.scene(&self.start));
         let mut list = Vec::with_capacity(self.blocks.len());
         for block in &self.blocks {
-            let range = block.first..block.first + block.unknowns();
+            let range = block.range();
             let at_bound: Vec<bool> =
                 range.clone().map(|i| x[i] <= self.bounds.lower[i] || x[i] >= self.bounds.upper[i]).collect();
             let mut push = |quantity, unit, value: Vec<f64>, initial: Vec<f64>, at_bound: &[bool]| {

@@ -65,17 +65,17 @@ impl Parameters {
         let mut at_rest = x.to_vec();
         for block in &self.blocks {
             if matches!(block.what, What::Motion { .. } | What::Vertex { .. } | What::Camera { .. }) {
-                at_rest[block.first..][..block.unknowns()].fill(0.0);
+                at_rest[block.range()].fill(0.0);
             }
         }
         let mut coarse = Self::new(&self.scene(&at_rest), &fits, self.scale(Quantity::Emission))?;
         let mut of = vec![0; self.len()];
         for (fine, block) in self.blocks.iter().zip(&coarse.blocks) {
-            let (first, count) = (block.first, block.unknowns());
-            let members = of[fine.first..][..fine.unknowns()].iter_mut().enumerate();
-            members.for_each(|(k, of)| *of = (first + k % count) as u32);
+            for (of, unknown) in of[fine.range()].iter_mut().zip(block.range().cycle()) {
+                *of = unknown as u32;
+            }
             if !matches!(fine.what, What::Texture { .. }) {
-                coarse.start[first..first + count].copy_from_slice(&x[fine.first..][..count]);
+                coarse.start[block.range()].copy_from_slice(&x[fine.range()]);
             }
         }
         coarse.bounds.project(&mut coarse.start);

@@ -6,7 +6,7 @@ use super::clusters::clusters_of;
 use super::completion::complete;
 use super::exchange::{blocks, show};
 use super::far_adjoint::{Accumulated, Cotangents, Importance, Receivers};
-use super::kept_pairs::KeptFar;
+use super::kept_pairs::{KeptFar, KeptPairs};
 use super::near_matrix::NearMatrix;
 use super::real::Real;
 use super::scene::{Context, SLOT};
@@ -44,8 +44,7 @@ impl<T: Real> Operators<T> {
                 let slots = plan.layout.slots_of(&from.tiles);
                 let receivers = plan.layout.slots_of(&to.tiles);
                 let mut add = |kernel, of: Receivers, kept| {
-                    let importance = received.importance(from.class, of, (0, slots.start));
-                    let importance = Importance { kept, ..importance };
+                    let importance = received.importance(from.class, (of, kept), (0, slots.start));
                     let front = adjoint.current_specular[s].as_deref_mut().unwrap_or(&mut []);
                     let radiance = &mut adjoint.current_radiance;
                     let to = Accumulated { radiance, back: &mut y.bins[s], front };
@@ -64,16 +63,8 @@ impl<T: Real> Operators<T> {
         add_near_matrix(context, near_transposed.as_ref(), None, x, adjoint, y, steps);
         if plan.clusters().is_some() {
             for s in 0..plan.layout.groups.len() {
-                let back = Some(&mut y.bins[s]);
-                cluster_cotangents(
-                    context,
-                    adjoint,
-                    s,
-                    back.map(|back| (back, kept.as_ref())),
-                    x,
-                    window,
-                    steps,
-                )?;
+                let back = Some((&mut y.bins[s], kept.as_ref()));
+                cluster_cotangents(context, adjoint, s, back, x, window, steps)?;
             }
         }
         Ok(())
@@ -90,8 +81,14 @@ struct Received<'a, T> {
 }
 
 impl<'a, T: Real> Received<'a, T> {
-    /// What the light of sources matters; `pages`: the indices with which the cotangents of their radiance and of their bins begin.
-    fn importance(&self, class: Class, of: Receivers<'a>, pages: (u32, u32)) -> Importance<'a, T> {
+    /// What the light of sources matters to receivers, with the pairs that are kept; `pages`: the indices with which the cotangents of their
+    /// radiance and of their bins begin.
+    fn importance(
+        &self,
+        class: Class,
+        (of, kept): (Receivers<'a>, Option<&'a [KeptPairs<T>]>),
+        pages: (u32, u32),
+    ) -> Importance<'a, T> {
         Importance {
             shape: Shape::new(class, self.to.class),
             of,
@@ -99,7 +96,7 @@ impl<'a, T: Real> Received<'a, T> {
             receivers_page: self.context.plan.layout.slots_of(&self.to.tiles).start,
             radiance_page: pages.0,
             bins_page: pages.1,
-            kept: None,
+            kept,
         }
     }
 }
@@ -176,12 +173,12 @@ pub fn cluster_cotangents<T: Real>(
         };
         let sources = plan.own_clusters(group);
         let of = listed(sources.clone(), Some([first, plan.sources() - first]));
-        let importance = received.importance(run.class, of, (first, page));
+        let importance = received.importance(run.class, (of, None), (first, page));
         let accumulated = cotangents.accumulated(run.class);
         add(Kernel::FarAdjoint, &importance, lists.groups(&sources), accumulated, steps)?;
         if let Some((back, kept)) = &mut back {
-            let importance = received.importance(own.class, listed(slots.clone(), None), (0, slots.start));
-            let importance = Importance { kept: kept.and_then(|kept| kept.of(t, group)), ..importance };
+            let of = (listed(slots.clone(), None), kept.and_then(|kept| kept.of(t, group)));
+            let importance = received.importance(own.class, of, (0, slots.start));
             let to = Accumulated { radiance: &mut *current_radiance, back, front: &mut *front };
             add(Kernel::FarAdjoint, &importance, lists.groups(&slots), to, steps)?;
         }

@@ -182,11 +182,9 @@ impl<T: Real> Received<'_, T> {
         }
         sums
     }
-}
 
-impl<T: Real> Received<'_, T> {
-    /// Sets what passes from a source to the receivers of a block, and the bins at both ends; whether fronts send anything, and backs. `bits`: what
-    /// may pass.
+    /// Sets what passes from a source to the receivers of a block, and the bins at both ends; whether fronts send anything, and backs.
+    /// `bits`: what may pass.
     #[inline(always)]
     fn pass(
         &self,
