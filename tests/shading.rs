@@ -204,6 +204,80 @@ fn derivatives_of_sunlit_pictures_are_those_of_central_differences() {
     derivatives_are_those_of_central_differences(&scene);
 }
 
+/// A sheet across a dark room, with a lamp on one side: what interpolates across its foot shows light of that side on the other.
+#[test]
+fn light_does_not_pass_the_foot_of_a_sheet() {
+    let backend = backend();
+    let grey = |name: &str| Material { albedo: [0.6; 3], ..Material::named(name) };
+    let lamp = Material { emission: [10.0; 3], ..Material::named("lamp") };
+    let placed = |size: [f64; 3], at: [f64; 3]| {
+        DAffine3::from_translation(at.into()) * DAffine3::from_scale(size.into())
+    };
+    // Ten cells along the room, six high, of two sides.
+    let corners = (0..7)
+        .flat_map(|j| (0..11).map(move |i| DVec3::new(1.87, 2.2 * f64::from(j) / 6.0, 0.4 * f64::from(i))));
+    let cells = (0..6).flat_map(|j| (0..10).map(move |i| 11 * j + i));
+    let faces = cells
+        .flat_map(|a| [[a, a + 1, a + 12], [a, a + 12, a + 11], [a, a + 12, a + 1], [a, a + 11, a + 12]]);
+    let mut builder = SceneBuilder::new();
+    builder
+        .shape("room", Shape::Room { cells: 12 }, &grey("room"), placed([4.0, 3.0, 4.0], [0.0; 3]))
+        .shape("lamp", Shape::Quad { cells: 2 }, &lamp, placed([0.8, -1.0, 0.8], [2.5, 1.6, 1.6]))
+        .mesh("sheet", corners.collect(), faces.collect(), &grey("sheet"), DAffine3::IDENTITY);
+    let mut scene = builder.finish("sheet").expect("a scene");
+    scene.settings = scene.settings.bins(BinLayout::Concentric { n: 10 });
+    scene.cut_along_contacts(10_000);
+    let camera = Camera {
+        position: DVec3::new(0.3, 1.6, 2.0),
+        target: DVec3::new(2.0, 0.0, 2.0),
+        fov_x_degrees: 60.0,
+        width: 32,
+        height: 24,
+        ..camera()
+    };
+    let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
+    let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
+    let traced = PathTracer::new(&scene).picture(&camera, 256, 1);
+    let floor: Vec<usize> = coverage
+        .faces_in_pixels()
+        .filter(|seen| seen.share == 1.0 && scene.corners(seen.face).iter().all(|p| p.y == 0.0))
+        .map(|seen| seen.pixel)
+        .collect();
+    assert!(floor.len() > 100, "{}", floor.len());
+    let mut error = |scene: &Scene| {
+        let cameras = std::slice::from_ref(&camera);
+        let light = Light::new(&mut engine, &solution, scene, cameras, Reflections::Bins).expect("light");
+        let pixels = light.pixels(0, &coverage).expect("pixels");
+        let (mut squares, mut all) = (0.0, 0.0);
+        for &pixel in &floor {
+            let truth = &traced.pixels[pixel].radiance;
+            squares += (DVec3::from_slice(&pixels[pixel]) - truth.mean).length_squared()
+                - truth.error.length_squared();
+            all += truth.mean.length_squared();
+        }
+        f64::sqrt(f64::max(squares, 0.0) / all)
+    };
+    let found = error(&scene);
+    let across = error(&Scene { creases: Vec::new(), ..scene.clone() });
+    println!("the foot of a sheet: {:.1} %, across its foot {:.1} %", 100.0 * found, 100.0 * across);
+    assert!(found <= 0.1 && across >= 0.5, "{found} {across}");
+    drop((engine, solution));
+    finish(&backend);
+}
+
+/// A crease from one border of the floor to the other.
+#[test]
+fn derivatives_beside_creases_are_those_of_central_differences() {
+    let mut scene = scene();
+    let on_line = |t: usize, k: usize| (scene.corners(t)[k].x - 1.0 / 3.0).abs() < 0.05;
+    let creases: Vec<[bool; 3]> = (0..scene.triangles.len())
+        .map(|t| [0, 1, 2].map(|k| t < 18 && on_line(t, k) && on_line(t, (k + 1) % 3)))
+        .collect();
+    assert_eq!(creases.iter().flatten().filter(|crease| **crease).count(), 6);
+    scene.creases = creases;
+    derivatives_are_those_of_central_differences(&scene);
+}
+
 type VectorOf = fn(&mut Camera) -> &mut DVec3;
 
 /// The vectors of a camera with the derivatives by them.

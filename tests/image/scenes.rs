@@ -41,6 +41,7 @@ pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {
         settings: SolveSettings::default(),
         choice: Default::default(),
         degenerate: Vec::new(),
+        creases: Vec::new(),
         warnings: Vec::new(),
     }
 }

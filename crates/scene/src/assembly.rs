@@ -107,6 +107,7 @@ impl Assembly {
                 settings: SolveSettings::default(),
                 choice: Default::default(),
                 degenerate: Vec::new(),
+                creases: Vec::new(),
                 warnings: Vec::new(),
             },
             material_indices: HashMap::new(),

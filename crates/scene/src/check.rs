@@ -43,6 +43,7 @@ impl Scene {
             settings: Default::default(),
             choice: Default::default(),
             degenerate: Vec::new(),
+            creases: Vec::new(),
             warnings: Vec::new(),
         };
         scene.check(false)?;

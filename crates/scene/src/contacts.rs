@@ -24,11 +24,13 @@ pub(super) const TOLERANCE: f64 = 1e-6;
 const SHORT: f64 = 0.1;
 /// Triangles the root of whose area is below this share of the diagonal stay whole: what is covered of them shows nowhere, and cuts of a
 /// fine mesh would add to the outlines by which it blocks lamps.
-const SMALL: f64 = 5e-3;
+pub(super) const SMALL: f64 = 5e-3;
 /// Places closer to each other than this share of the root of a triangle's area become one, so that its parts are no slivers.
-const SNAP: f64 = 0.02;
+pub(super) const SNAP: f64 = 0.02;
+/// Barycentric coordinates below this are those of a place on a side.
+pub(super) const ON_SIDE: f64 = 1e-9;
 /// Triangles smaller than this share of another cut nothing of it: a fine mesh that stands on it would make many parts.
-const FINE: f64 = 0.15;
+pub(super) const FINE: f64 = 0.15;
 /// A triangle that has more lines than this stays whole.
 const MOST_LINES: usize = 256;
 /// Nor with more places where lines end or cross.
@@ -39,7 +41,7 @@ const FLAT: f64 = 1.0 - 1e-9;
 impl Scene {
     /// Cuts all but small triangles along the lines on which others of their size stand on them or pass through them, the largest first,
     /// until `max_triangles` would be exceeded; parts inside of others, which no light reaches, are left out, and with them what they see.
-    /// Surfaces that emit and reflect nothing stay.
+    /// Surfaces that emit and reflect nothing stay. Finds the [creases](Self::creases) of what is left.
     ///
     /// Returns the original triangle of each new one.
     pub fn cut_along_contacts(&mut self, max_triangles: usize) -> Vec<u32> {
@@ -65,14 +67,19 @@ impl Scene {
             let part = |corners: [DVec3; 3]| Part { vertices: corners.map(&mut vertex), corners };
             parts[triangle as usize] = Some(corners.into_iter().map(part).collect());
         }
+        let sizes: Vec<f64> = (0..count as usize).map(|t| self.area_vector(t).length().sqrt()).collect();
         if parts.iter().all(Option::is_none) {
+            self.find_creases(&sizes);
             return (0..count).collect();
         }
         let parents = self.replace(&parts);
         let is_part = |t: &u32| parts[parents[*t as usize] as usize].is_some();
         let covered = self.covered((0..parents.len() as u32).filter(is_part).collect());
         let left: Vec<Option<Vec<Part>>> = covered.iter().map(|covered| covered.then(Vec::new)).collect();
-        self.replace(&left).into_iter().map(|part| parents[part as usize]).collect()
+        let parents: Vec<u32> = self.replace(&left).into_iter().map(|part| parents[part as usize]).collect();
+        let sizes: Vec<f64> = parents.iter().map(|&parent| sizes[parent as usize]).collect();
+        self.find_creases(&sizes);
+        parents
     }
 
     pub(super) fn diagonal(&self) -> f64 {
@@ -273,6 +280,9 @@ fn triangulated(corners: [DVec3; 3], lines: &[[DVec3; 2]], tolerance: f64) -> Op
     let twice_area = (flat[1] - flat[0]).perp_dot(flat[2] - flat[0]);
     let mut places = Places { all: flat.to_vec(), tolerance };
     let mut place = |b: DVec3| places.index(flat[0] * b.x + flat[1] * b.y + flat[2] * b.z);
+    // Those on sides first: neighbours are cut there at the same places.
+    let on_sides = lines.iter().flatten().filter(|b| b.min_element() <= ON_SIDE);
+    on_sides.for_each(|&b| _ = place(b));
     let lines: Vec<[usize; 2]> = lines.iter().map(|line| line.map(&mut place)).collect();
     places.add_crossings(&lines);
     if places.all.len() > MOST_PLACES {

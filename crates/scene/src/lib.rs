@@ -14,6 +14,7 @@ mod cameras;
 mod check;
 mod contacts;
 mod covered;
+mod creases;
 mod energy;
 mod error;
 mod file;
@@ -72,6 +73,7 @@ pub use sky::Sky;
 pub use sun::Sun;
 
 pub use adjacency::{Edges, Fans, Welded, sides};
+pub use creases::SAME_SURFACE;
 pub use error::{Place, nearest};
 pub use free_name::free_name;
 pub use pattern::Factors;
@@ -140,6 +142,9 @@ pub struct Scene {
     pub choice: Choice,
     /// Indices of triangles without area: they keep their row in every output, but take no part in light transport.
     pub degenerate: Vec<u32>,
+    /// Of each triangle, the sides (from corner k to the next) along which another surface meets its own: pictures interpolate nothing across.
+    /// Empty where none are known; [`Self::cut_along_contacts`] finds them.
+    pub creases: Vec<[bool; 3]>,
     /// Warnings for the user, in whole sentences (a default camera, no light, albedo near one).
     pub warnings: Vec<String>,
 }

@@ -1,5 +1,6 @@
 //! Subdivides chosen triangles of a scene.
 
+use super::contacts::ON_SIDE;
 use super::geometry::{quarters, subdivide};
 use super::{Scene, bounds};
 use glam::DVec3;
@@ -12,6 +13,14 @@ pub(super) struct Part {
     pub vertices: [u32; 3],
     /// Its corners in barycentric coordinates of the triangle.
     pub corners: [DVec3; 3],
+}
+
+impl Part {
+    /// Which of its sides lie on creases, by those of the triangle.
+    fn creases(&self, of: [bool; 3]) -> [bool; 3] {
+        let on = |corner: usize, side: usize| self.corners[corner][(side + 2) % 3].abs() <= ON_SIDE;
+        [0, 1, 2].map(|k| (0..3).any(|side| of[side] && on(k, side) && on((k + 1) % 3, side)))
+    }
 }
 
 impl Scene {
@@ -36,6 +45,7 @@ impl Scene {
     /// triangle.
     pub(super) fn replace(&mut self, parts: &[Option<Vec<Part>>]) -> Vec<u32> {
         let old = std::mem::take(&mut self.triangles);
+        let creases = std::mem::take(&mut self.creases);
         let mut parents = Vec::new();
         let mut meshes = self.meshes.iter_mut().zip((0..).map(|k| self.origins.get(k).cloned()));
         let mut origins = Vec::new();
@@ -49,6 +59,7 @@ impl Scene {
                     origin.as_ref().and_then(|o| o.lines.get((t - mesh.range.start) as usize)).copied();
                 for part in parts[t as usize].as_deref().unwrap_or(&whole) {
                     self.triangles.push(super::Triangle { vertices: part.vertices, ..triangle });
+                    self.creases.extend(creases.get(t as usize).map(|of| part.creases(*of)));
                     parents.push(t);
                     lines.extend(line);
                 }

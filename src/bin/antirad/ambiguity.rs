@@ -321,6 +321,7 @@ fn write_determination(
             triangles: faces.iter().map(|&i| scene.triangles[i]).collect(),
             meshes: Vec::new(),
             degenerate: Vec::new(),
+            creases: Vec::new(),
             ..scene.clone()
         };
         let colours: Vec<[f64; 3]> = faces.iter().map(|&i| colours[i]).collect();

@@ -1,16 +1,15 @@
-//! Values per face, interpolated over smooth surfaces: at a corner, the area-weighted mean of the faces that meet there.
+//! Values per face, interpolated over smooth surfaces: at a corner, the area-weighted mean of the faces that meet there, on one side of what
+//! stands on them.
 //!
 //! The mean A v of the interpolated values over each face is a blurred v: at the border of a surface, corners take the value of the faces
 //! inside. Iterating v <- v + (b - A v) from the means b sharpens it again (van Cittert 1931), until the mean of what is interpolated is
 //! nearly b. The eigenvalues of A are between 0 and 1 on flat surfaces, so that [`STEPS`] steps amplify nothing more than 1 + [`STEPS`] times.
 
 use antirad_core::model::Facet;
-use antirad_scene::{Fans, Scene, Welded};
+use antirad_scene::{Edges, Fans, SAME_SURFACE, Scene, Welded, sides};
 use glam::DVec3;
 use rayon::prelude::*;
-
-/// Cosine of the largest angle between faces of one smooth surface, 30°; larger ones are sharp edges.
-const SAME_SURFACE: f64 = 0.866_025_403_784_438_6;
+use std::collections::HashMap;
 
 /// Steps of sharpening. In pictures of `cornell_boxes` two bring most of what many bring.
 const STEPS: usize = 2;
@@ -18,7 +17,7 @@ const STEPS: usize = 2;
 /// The faces around each corner of a scene.
 #[derive(Clone, Debug)]
 pub struct Interpolation {
-    /// Positions of the corners of each triangle.
+    /// Positions of the corners of each triangle; one is several where creases separate the faces around it.
     corners: Vec<[u32; 3]>,
     fans: Fans,
 }
@@ -26,8 +25,13 @@ pub struct Interpolation {
 impl Interpolation {
     pub fn new(scene: &Scene) -> Self {
         let welded = Welded::exactly(scene.vertices.iter().copied());
-        let corners: Vec<[u32; 3]> = scene.triangles.iter().map(|t| welded.positions(t.vertices)).collect();
-        Self { fans: Fans::of(welded.first.len(), corners.iter().copied()), corners }
+        let mut corners: Vec<[u32; 3]> =
+            scene.triangles.iter().map(|t| welded.positions(t.vertices)).collect();
+        let mut positions = welded.first.len();
+        if !scene.creases.is_empty() {
+            positions = torn(scene, &mut corners, positions);
+        }
+        Self { fans: Fans::of(positions, corners.iter().copied()), corners }
     }
 
     /// The faces around a corner of a face that continue its surface, itself included.
@@ -112,5 +116,69 @@ impl Interpolation {
                 to(i, cotangent[corner] * (facets[i].area / area), by_area);
             }
         }
+    }
+}
+
+/// Tears a mesh open along the creases of a scene: faces around a position on one keep a corner in common only if a way leads from one to the
+/// other, over edges of their surface. Returns the number of positions.
+fn torn(scene: &Scene, corners: &mut [[u32; 3]], mut positions: usize) -> usize {
+    let normals: Vec<DVec3> = (0..corners.len()).map(|t| scene.area_vector(t).normalize_or_zero()).collect();
+    let edges = Edges::of(corners.iter().copied());
+    let is_marked = |(t, ends): (u32, [u32; 2])| {
+        let marked = scene.creases.get(t as usize).copied().unwrap_or_default();
+        marked.iter().zip(sides(corners[t as usize])).any(|(marked, side)| *marked && side == ends)
+    };
+    let (creases, others): (Vec<_>, Vec<_>) = edges.iter().partition(|edge| edge.directed().any(is_marked));
+    let mut at_crease = vec![false; positions];
+    creases.iter().flat_map(|edge| edge.ends()).for_each(|position| at_crease[position as usize] = true);
+
+    // Corners of faces, numbered face by face, and what they are joined with.
+    let mut joined = Joined::none(3 * corners.len());
+    for edge in others {
+        let faces: Vec<u32> = edge.triangles().collect();
+        for position in edge.ends().into_iter().filter(|&position| at_crease[position as usize]) {
+            let corner = |face: u32| {
+                let of_face = corners[face as usize].iter().position(|&own| own == position);
+                3 * face as usize + of_face.unwrap_or(0)
+            };
+            for (k, &a) in faces.iter().enumerate() {
+                let same = |b: &&u32| normals[a as usize].dot(normals[**b as usize]) >= SAME_SURFACE;
+                faces[..k].iter().filter(same).for_each(|&b| joined.join(corner(a), corner(b)));
+            }
+        }
+    }
+    let mut known = HashMap::new();
+    for corner in 0..3 * corners.len() {
+        let position = &mut corners[corner / 3][corner % 3];
+        if at_crease[*position as usize] {
+            *position = *known.entry(joined.first(corner)).or_insert_with(|| {
+                positions += 1;
+                positions as u32 - 1
+            });
+        }
+    }
+    positions
+}
+
+/// Disjoint sets of numbers (Galler and Fischer 1964).
+struct Joined(Vec<usize>);
+
+impl Joined {
+    fn none(count: usize) -> Self {
+        Self((0..count).collect())
+    }
+
+    /// The least number in the set of one.
+    fn first(&mut self, mut number: usize) -> usize {
+        while self.0[number] != number {
+            self.0[number] = self.0[self.0[number]];
+            number = self.0[number];
+        }
+        number
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let [a, b] = [a, b].map(|number| self.first(number));
+        self.0[a.max(b)] = a.min(b);
     }
 }
