@@ -238,8 +238,8 @@ fn what_is_wrong_is_said() {
             vec!["s.gltf", "compressed (KHR_draco_mesh_compression)", "export it without"],
         ),
         (
-            change("/extensionsRequired", json!(["EXT_mesh_gpu_instancing"])),
-            vec!["s.gltf", "requires EXT_mesh_gpu_instancing", "export it without"],
+            change("/extensionsRequired", json!(["EXT_unheard_of"])),
+            vec!["s.gltf", "requires EXT_unheard_of", "export it without"],
         ),
         (change("/buffers/0/uri", json!("lost.bin")), vec!["s.gltf", "lost.bin", "cannot be read"]),
         (change("/buffers/0/uri", json!("https://a.b/c.bin")), vec!["network"]),

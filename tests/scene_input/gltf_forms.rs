@@ -177,3 +177,44 @@ fn emission_with_coordinates_of_its_own_takes_its_mean() {
     assert!((0..2).all(|t| own.material(t).emission == [4.0, 2.0, 0.0]));
     assert!(own.warnings.iter().any(|w| w.contains("coordinates of their own")), "{:?}", own.warnings);
 }
+
+/// Two instances of the left square: one moved, one turned by a quarter about x, mirrored and twice as large along y.
+#[test]
+fn instances_by_rows_of_accessors() {
+    let half = 0.5f32.sqrt();
+    let translations = floats(&[0., 0., 1., 5., 0., 0.]);
+    let rotations = floats(&[0., 0., 0., 1., half, 0., 0., half]);
+    let scales = floats(&[1., 1., 1., -1., 2., 1.]);
+    let mut instanced = with_data(&[translations, rotations, scales].concat());
+    for (offset, kind) in [(0, "VEC3"), (24, "VEC4"), (56, "VEC3")] {
+        let accessor =
+            json!({ "bufferView": 2, "byteOffset": offset, "componentType": 5126, "count": 2, "type": kind });
+        instanced["accessors"].as_array_mut().expect("a list").push(accessor);
+    }
+    instanced["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+    let attributes = json!({ "TRANSLATION": 2, "ROTATION": 3, "SCALE": 4 });
+    instanced["nodes"][1]["extensions"]["EXT_mesh_gpu_instancing"] = json!({ "attributes": attributes });
+    let scene = good(&instanced);
+    // The node doubles all, at z = 2.
+    let near = |triangle: usize, corner: usize, place: [f64; 3]| {
+        let off = (scene.corners(triangle)[corner] - DVec3::from(place)).length();
+        assert!(off < 1e-6, "triangle {triangle}, corner {corner}: {:?}", scene.corners(triangle));
+    };
+    near(0, 0, [0., 0., 4.]);
+    near(0, 2, [2., 2., 4.]);
+    near(2, 0, [10., 0., 2.]);
+    assert!(
+        scene.corners(2).iter().any(|c| c.abs_diff_eq(DVec3::new(8., 0., 6.), 1e-6)),
+        "{:?}",
+        scene.corners(2)
+    );
+    // A mirrored instance faces where one does that is turned alone.
+    assert!(scene.area_vector(2).y < 0.0 && scene.area_vector(0).z > 0.0);
+    instanced["accessors"][4]["count"] = json!(1);
+    assert_says(
+        &load(&instanced).expect_err("lengths differ"),
+        &["node 1", "EXT_mesh_gpu_instancing", "2 and 1"],
+    );
+    instanced["nodes"][1]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["SCALE"] = json!(9);
+    assert_says(&load(&instanced).expect_err("no accessor"), &["accessor 9"]);
+}

@@ -139,7 +139,7 @@ fn names_options_and_indices_as_they_come() {
     std::fs::rename(path.join("a wood.png"), path.join("maps/Wood Tile.png")).expect("moved");
     let obj = "mtllib my scene.mtl\r\no the floor\r\nv 0 0 0\r\nv 1 0 0\r\nv 1 1 0\r\nv 0 1 0\r\nvt 0 0\r\nvt 1 0\r\nvt 1 1\r\nvt 0 1\r\n\
                usemtl floor mat \r\nf -4/-4 -3/-3 -1/-1\r\nf -3/-3 -2/-2 -1/-1\r\n";
-    let mtl = "newmtl floor mat\r\nKd .8 .8 .8\r\nmap_Kd -s 2 2 1 -o .25 0 0 -clamp on -bm 1 maps\\Wood Tile.png\r\n";
+    let mtl = "newmtl floor mat\r\nKd .8 .8 .8\r\nmap_Kd -s 2 2 1 -o .25 0 0 -clamp off -bm 1 maps\\Wood Tile.png\r\n";
     std::fs::write(path.join("n.obj"), obj).expect("written");
     std::fs::write(path.join("my scene.mtl"), mtl).expect("written");
     let scene = folder.load("n.obj", false).expect("a scene");

@@ -10,6 +10,7 @@ use glam::{DAffine2, DVec2};
 use super::error::{Place, SceneError, nearest};
 use super::material::Material;
 use super::statements::{Statement, number, statements};
+use super::texture::Wrap;
 
 /// Keys that have no meaning for Blinn-Phong radiosity, or none that pictures would show.
 const MEANINGLESS: [&str; 4] = ["Ka", "Ni", "illum", "sharpness"];
@@ -33,6 +34,7 @@ pub(super) struct TextureFile {
     pub name: String,
     /// Maps the coordinates of `vt` to those of the picture.
     pub place: DAffine2,
+    pub wrap: Wrap,
     pub line: usize,
 }
 
@@ -82,10 +84,11 @@ pub(super) fn parse(
     Ok(materials)
 }
 
-/// `map_Kd [-option value …] FILE`, in which options `-s` and `-o` scale and move the coordinates. Names may contain blanks.
+/// `map_Kd [-option value …] FILE`, in which options `-s` and `-o` scale and move the coordinates, and `-clamp on` keeps them within
+/// the picture. Names may contain blanks.
 fn texture_file(statement: &Statement) -> Option<TextureFile> {
     let mut rest = statement.rest();
-    let (mut scale, mut offset) = (DVec2::ONE, DVec2::ZERO);
+    let (mut scale, mut offset, mut wrap) = (DVec2::ONE, DVec2::ZERO, Wrap::Repeat);
     let next = |rest: &mut &str| -> Option<String> {
         let word = rest.split_whitespace().next()?.to_owned();
         *rest = rest[word.len()..].trim_start();
@@ -109,6 +112,7 @@ fn texture_file(statement: &Statement) -> Option<TextureFile> {
                 next(&mut rest)?;
                 next(&mut rest)?;
             }
+            "-clamp" => wrap = if next(&mut rest)? == "on" { Wrap::Clamp } else { Wrap::Repeat },
             _ => {
                 next(&mut rest)?;
             }
@@ -125,7 +129,7 @@ fn texture_file(statement: &Statement) -> Option<TextureFile> {
     let upright = DAffine2::from_scale_angle_translation(DVec2::new(1.0, -1.0), 0.0, DVec2::Y);
     let place = upright * DAffine2::from_scale_angle_translation(scale, 0.0, offset);
     let name = rest.replace('\\', "/");
-    (!name.is_empty()).then_some(TextureFile { name, place, line: statement.line })
+    (!name.is_empty()).then_some(TextureFile { name, place, wrap, line: statement.line })
 }
 
 /// Whether the statement says that a material is opaque: `d 1`, `Tr 0`, `Tf 1 1 1`.

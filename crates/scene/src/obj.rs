@@ -197,7 +197,7 @@ impl Reader<'_> {
 
     /// A texture that an MTL file names. One that is missing, or of a kind that is not read, is left out with a warning.
     fn map(&mut self, named: Option<mtl::TextureFile>, mtl: &Path) -> Result<Option<Map>, SceneError> {
-        let Some(mtl::TextureFile { name, place, line }) = named else { return Ok(None) };
+        let Some(mtl::TextureFile { name, place, wrap, line }) = named else { return Ok(None) };
         let file = mtl.parent().unwrap_or(Path::new("")).join(&name);
         let at = Place { path: mtl, line };
         let texture = match self.textures.get(&file) {
@@ -218,7 +218,7 @@ impl Reader<'_> {
                 texture
             }
         };
-        Ok(texture.map(|texture| Map { texture, place }))
+        Ok(texture.map(|texture| Map { texture, place, wrap: [wrap; 2] }))
     }
 
     /// `mtllib` may list several files, but a file name may also contain blanks: a file with the whole name takes precedence.

@@ -56,7 +56,7 @@ impl Scene {
             self.materials[material as usize].albedo = mean.into();
         }
         let texture = Arc::new(Texture::of_light(painting.size, texels));
-        let albedo = Some(Map { texture, place: DAffine2::IDENTITY });
+        let albedo = Some(Map::repeated(texture, DAffine2::IDENTITY));
         patterns.set_maps(painting.maps, Maps { albedo, emission: None });
     }
 }

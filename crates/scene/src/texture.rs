@@ -13,7 +13,7 @@ const MOST_TEXELS: u32 = 1 << 15;
 /// Samples along a side of a triangle, at least and at most.
 const SAMPLES: [f64; 2] = [4.0, 256.0];
 
-/// A picture in linear RGB; texture coordinates (0, 0) are its upper left corner, and it repeats.
+/// A picture in linear RGB; texture coordinates (0, 0) are its upper left corner, and it repeats unless its map says otherwise.
 #[derive(Debug)]
 pub(super) struct Texture {
     width: u32,
@@ -46,6 +46,39 @@ pub(super) struct Map {
     pub texture: Arc<Texture>,
     /// Maps the texture coordinates of faces to those of the picture.
     pub place: DAffine2,
+    /// How the picture goes on along both axes.
+    pub wrap: [Wrap; 2],
+}
+
+/// How a picture goes on beyond its edges.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Wrap {
+    #[default]
+    Repeat,
+    /// With its outermost texels.
+    Clamp,
+    /// With its mirror image.
+    Mirror,
+}
+
+impl Wrap {
+    /// The coordinate within the picture that is looked up for one anywhere, and its derivative. `texels`: along the axis.
+    fn within(self, x: f64, texels: f64) -> (f64, f64) {
+        // Beyond the centres of the outermost texels a picture that repeats is linear towards those of the other edge.
+        let edge = 0.5 / texels.max(1.0);
+        let held = |x: f64, slope: f64| match x < edge || x > 1.0 - edge {
+            true => (x.clamp(edge, 1.0 - edge), 0.0),
+            false => (x, slope),
+        };
+        match self {
+            Self::Repeat => (x, 1.0),
+            Self::Clamp => held(x, 1.0),
+            Self::Mirror => match x.rem_euclid(2.0) {
+                x if x > 1.0 => held(2.0 - x, -1.0),
+                x => held(x, 1.0),
+            },
+        }
+    }
 }
 
 /// How the numbers of a picture become light.
@@ -199,8 +232,9 @@ impl Texture {
         })
     }
 
-    /// The mean over a triangle: of the texels at the centroids of equal parts, about as many as it has texels.
-    fn mean_over(&self, corners: [DVec2; 3]) -> DVec3 {
+    /// The mean over a triangle: of the texels at the centroids of equal parts, about as many as it has texels. `within`: the coordinates that
+    /// are looked up.
+    fn mean_over(&self, corners: [DVec2; 3], within: impl Fn(DVec2) -> DVec2) -> DVec3 {
         if corners.iter().any(|uv| !uv.is_finite()) {
             // The face has no texture coordinates.
             return self.mean();
@@ -214,10 +248,10 @@ impl Texture {
         for i in 0..n {
             for j in 0..n - i {
                 let (u, v) = (f64::from(3 * i + 1) * step, f64::from(3 * j + 1) * step);
-                sum += self.at(a + (b - a) * u + (c - a) * v);
+                sum += self.at(within(a + (b - a) * u + (c - a) * v));
                 if i + j + 1 < n {
                     // The part that points the other way.
-                    sum += self.at(a + (b - a) * (u + step) + (c - a) * (v + step));
+                    sum += self.at(within(a + (b - a) * (u + step) + (c - a) * (v + step)));
                 }
             }
         }
@@ -258,10 +292,24 @@ fn rgb<T: Copy>(numbers: Vec<T>) -> Vec<[T; 3]> {
 }
 
 impl Map {
+    /// A map that repeats a texture.
+    pub fn repeated(texture: Arc<Texture>, place: DAffine2) -> Self {
+        Self { texture, place, wrap: [Wrap::Repeat; 2] }
+    }
+
+    /// Coordinates within the picture for those of the picture anywhere, and their derivatives.
+    fn within(&self, at: DVec2) -> (DVec2, DVec2) {
+        let size = self.texture.size();
+        let (x, by_x) = self.wrap[0].within(at.x, size.x);
+        let (y, by_y) = self.wrap[1].within(at.y, size.y);
+        (DVec2::new(x, y), DVec2::new(by_x, by_y))
+    }
+
     /// The value at texture coordinates of faces, and its derivatives by them.
     pub fn at(&self, uv: DVec2) -> Texel {
-        let Texel { value, slope: [by_x, by_y] } =
-            self.texture.between_texels(self.place.transform_point2(uv));
+        let (within, by) = self.within(self.place.transform_point2(uv));
+        let Texel { value, slope: [by_x, by_y] } = self.texture.between_texels(within);
+        let (by_x, by_y) = (by_x * by.x, by_y * by.y);
         let DAffine2 { matrix2, .. } = self.place;
         let slope = [matrix2.x_axis, matrix2.y_axis].map(|axis| by_x * axis.x + by_y * axis.y);
         Texel { value, slope }
@@ -275,7 +323,7 @@ impl Map {
 
     /// The mean over a triangle with the given texture coordinates.
     pub fn mean_over(&self, corners: [DVec2; 3]) -> DVec3 {
-        self.texture.mean_over(corners.map(|uv| self.place.transform_point2(uv)))
+        self.texture.mean_over(corners.map(|uv| self.place.transform_point2(uv)), |at| self.within(at).0)
     }
 }
 
@@ -292,16 +340,52 @@ mod tests {
 
     const HALF: [DVec2; 3] = [DVec2::ZERO, DVec2::X, DVec2::ONE];
 
+    impl Texture {
+        fn repeated_mean(&self, corners: [DVec2; 3]) -> DVec3 {
+            self.mean_over(corners, |at| at)
+        }
+    }
+
+    /// Pictures of four texels along u that go on to the right and to the left in three ways; the slope is that of differences.
+    #[test]
+    fn pictures_go_on_beyond_their_edges() {
+        let numbers = [10u8, 60, 90, 200];
+        let picture = RgbImage::from_fn(4, 1, |x, _| Rgb([numbers[x as usize]; 3]));
+        let texture = Arc::new(Texture::of(DynamicImage::from(picture), Encoding::Linear));
+        for (wrap, right, left) in [
+            (Wrap::Repeat, [10, 60, 90, 200], [10, 60, 90, 200]),
+            (Wrap::Clamp, [200; 4], [10; 4]),
+            (Wrap::Mirror, [200, 90, 60, 10], [200, 90, 60, 10]),
+        ] {
+            let map = Map { wrap: [wrap; 2], ..Map::repeated(texture.clone(), DAffine2::IDENTITY) };
+            let value = |x: f64| map.at(DVec2::new(x, 0.3)).value.x;
+            for k in 0..4 {
+                let centre = (k as f64 + 0.5) / 4.0;
+                assert!((255.0 * value(1.0 + centre) - f64::from(right[k])).abs() < 1e-4, "{wrap:?}, {k}");
+                assert!((255.0 * value(centre - 1.0) - f64::from(left[k])).abs() < 1e-4, "{wrap:?}, {k}");
+                let corner = |x: f64, y: f64| DVec2::new(1.0 + centre + 0.1 * x, y);
+                let mean = map.mean_over([corner(-1.0, 0.0), corner(1.0, 0.0), corner(0.0, 0.5)]);
+                assert!((255.0 * mean.x - f64::from(right[k])).abs() < 1e-3, "{wrap:?}, {k}: {mean}");
+            }
+            for x in [-1.3, -0.01, 0.4, 0.99, 1.01, 1.45, 2.3] {
+                let difference = (value(x + 1e-6) - value(x - 1e-6)) / 2e-6;
+                let slope = map.at(DVec2::new(x, 0.3)).slope[0].x;
+                assert!((slope - difference).abs() < 1e-6, "{wrap:?}, {x}: {slope} {difference}");
+            }
+        }
+        assert!(Wrap::Mirror.within(f64::NAN, 4.0).0.is_nan());
+    }
+
     #[test]
     fn means_are_of_light() {
         let grey = DynamicImage::from(RgbImage::from_pixel(3, 3, Rgb([188, 128, 0])));
-        let mean = Texture::of(grey.clone(), Encoding::Srgb).mean_over(HALF);
+        let mean = Texture::of(grey.clone(), Encoding::Srgb).repeated_mean(HALF);
         assert!(mean.abs_diff_eq(DVec3::new(0.5029, 0.2159, 0.0), 1e-4), "{mean}");
         let mean = Texture::of(grey, Encoding::Linear).mean();
         assert!(mean.abs_diff_eq(DVec3::new(188.0, 128.0, 0.0) / 255.0, 1e-4), "{mean}");
         // The white columns are the left ones of each pair, where the triangle is lower. Not the light of the mean number, 0.21.
         for width in [2, 16, 300] {
-            let (mean, white) = (stripes(width).mean_over(HALF).x, 0.5 - 0.5 / f64::from(width));
+            let (mean, white) = (stripes(width).repeated_mean(HALF).x, 0.5 - 0.5 / f64::from(width));
             assert!((mean - white).abs() <= 0.01, "{width}: {mean}, not {white}");
         }
     }
@@ -313,14 +397,14 @@ mod tests {
         let ramp = Texture::of(DynamicImage::from(ramp), Encoding::Linear);
         let corners = [[0.1, 0.2], [0.9, 0.3], [0.4, 0.8]].map(DVec2::from);
         let centroid = (corners[0] + corners[1] + corners[2]) / 3.0;
-        let mean = ramp.mean_over(corners);
+        let mean = ramp.repeated_mean(corners);
         assert!((mean.truncate() - centroid).abs().max_element() <= 0.003, "{mean} {centroid}");
         // The other way around, and one period further.
         let moved = [corners[2], corners[1], corners[0]].map(|uv| uv + DVec2::new(-3.0, 7.0));
-        assert!(ramp.mean_over(moved).abs_diff_eq(mean, 0.003));
+        assert!(ramp.repeated_mean(moved).abs_diff_eq(mean, 0.003));
         // A triangle without area in the picture has the texel there.
-        assert!(ramp.mean_over([centroid; 3]).truncate().abs_diff_eq(centroid, 0.004));
-        assert!(ramp.mean_over([DVec2::NAN; 3]).is_finite());
+        assert!(ramp.repeated_mean([centroid; 3]).truncate().abs_diff_eq(centroid, 0.004));
+        assert!(ramp.repeated_mean([DVec2::NAN; 3]).is_finite());
     }
 
     /// Texels at their centres, and derivatives by central differences, in pictures of 8 and of 16 bits.
@@ -331,14 +415,9 @@ mod tests {
         let words = DynamicImage::from(bytes.clone()).into_rgb16();
         for picture in [DynamicImage::from(bytes), DynamicImage::from(words)] {
             let texture = Texture::of(picture, Encoding::Linear);
-            let map = Map {
-                texture: Arc::new(texture),
-                place: DAffine2::from_scale_angle_translation(
-                    DVec2::new(0.7, -1.3),
-                    0.4,
-                    DVec2::new(3.0, -2.0),
-                ),
-            };
+            let place =
+                DAffine2::from_scale_angle_translation(DVec2::new(0.7, -1.3), 0.4, DVec2::new(3.0, -2.0));
+            let map = Map::repeated(Arc::new(texture), place);
             let centre = map.place.inverse().transform_point2(DVec2::new(3.5 / 5.0, 1.5 / 3.0));
             let expected = DVec3::from([0, 1, 2].map(|c| f64::from(number(3, 1, c)) / 255.0));
             assert!(map.at(centre).value.abs_diff_eq(expected, 1e-6), "{:?}", map.at(centre));

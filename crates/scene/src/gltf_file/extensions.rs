@@ -1,7 +1,8 @@
 //! What becomes of the extensions that a glTF file uses.
 
 /// Extensions that are read. Where a texture needs a picture of another kind, the reader of materials says so.
-const READ: [&str; 9] = [
+const READ: [&str; 10] = [
+    super::instancing::NAME,
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_lights_punctual",

@@ -21,13 +21,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DAffine2, DVec2, DVec3};
+use gltf::texture::WrappingMode;
 use serde::Deserialize;
 
 use super::buffers::{self, Buffers};
 use crate::free_name::free_name;
 use crate::geometry::RawMaterial;
 use crate::material::{Material, Normalization};
-use crate::texture::{Encoding, Map, Texture};
+use crate::texture::{Encoding, Map, Texture, Wrap};
 
 /// Reflectance of dielectrics at normal incidence.
 const DIELECTRIC: f64 = 0.04;
@@ -194,7 +195,13 @@ impl<'a> Materials<'a> {
             // Angles run counter-clockwise in a plane whose second axis points down.
             DAffine2::from_scale_angle_translation(scale, -f64::from(t.rotation()), offset)
         });
-        Ok(self.texture(&info.texture(), Encoding::Srgb)?.map(|texture| Map { texture, place }))
+        let wrap =
+            [info.texture().sampler().wrap_s(), info.texture().sampler().wrap_t()].map(|mode| match mode {
+                WrappingMode::Repeat => Wrap::Repeat,
+                WrappingMode::ClampToEdge => Wrap::Clamp,
+                WrappingMode::MirroredRepeat => Wrap::Mirror,
+            });
+        Ok(self.texture(&info.texture(), Encoding::Srgb)?.map(|texture| Map { texture, place, wrap }))
     }
 
     fn texture(

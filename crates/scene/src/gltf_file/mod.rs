@@ -6,6 +6,7 @@
 mod accessor;
 mod buffers;
 mod extensions;
+mod instancing;
 mod lights;
 mod materials;
 mod meshopt;
@@ -56,6 +57,7 @@ fn read_document(path: &Path, warnings: &mut Vec<String>) -> Result<Contents, Sc
     };
     let accessors = Accessors::new(&buffers);
     let mut reader = Reader {
+        document: &document,
         materials: Materials::new(path, &buffers),
         accessors,
         contents: Contents::default(),
@@ -154,6 +156,7 @@ impl Pixels {
 }
 
 struct Reader<'a> {
+    document: &'a gltf::Document,
     accessors: Accessors<'a>,
     materials: Materials<'a>,
     contents: Contents,
@@ -182,9 +185,11 @@ impl Reader<'_> {
             } else {
                 place
             };
-            let mesh = self.mesh(&mesh, place)?;
-            if !mesh.faces.is_empty() {
-                self.contents.meshes.push((name, mesh));
+            for instance in instancing::places(self.document, node, &self.accessors)? {
+                let mesh = self.mesh(&mesh, place * instance)?;
+                if !mesh.faces.is_empty() {
+                    self.contents.meshes.push((name.clone(), mesh));
+                }
             }
         }
         if let Some(camera) = node.camera() {

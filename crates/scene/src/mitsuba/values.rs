@@ -13,7 +13,7 @@ use super::spectrum::{Of, colour};
 use super::transform;
 use crate::error::SceneError;
 use crate::statements::read_text;
-use crate::texture::{Encoding, Map, Texture, linear_from_srgb};
+use crate::texture::{Encoding, Map, Texture, Wrap, linear_from_srgb};
 
 /// Pictures by their files; `None` for those that are neither PNG nor JPEG.
 type Pictures = HashMap<(PathBuf, Encoding), Option<Arc<Texture>>>;
@@ -261,9 +261,15 @@ impl<'a> Values<'a> {
         let Some(name) = self.text(texture, "filename")? else {
             return Err(texture.wrong("has no <string name=\"filename\">"));
         };
-        if let Some(other) = self.text(texture, "wrap_mode")?.filter(|mode| *mode != "repeat") {
-            note(ignored, format!("the wrap_mode \"{other}\" of textures, which repeat"));
-        }
+        let wrap = match self.text(texture, "wrap_mode")? {
+            None | Some("repeat") => Wrap::Repeat,
+            Some("clamp") => Wrap::Clamp,
+            Some("mirror") => Wrap::Mirror,
+            Some(other) => {
+                note(ignored, format!("the wrap_mode \"{other}\" of textures, which repeat"));
+                Wrap::Repeat
+            }
+        };
         let encoding = if self.flag(texture, "raw")? { Encoding::Linear } else { Encoding::Srgb };
         let key = (self.beside(name), encoding);
         let known = self.textures.borrow().get(&key).cloned();
@@ -293,7 +299,7 @@ impl<'a> Values<'a> {
                 DAffine2::from_scale(scale) * DAffine2::from_translation(offset)
             }
         };
-        Ok(picture.map(|texture| Map { texture, place }))
+        Ok(picture.map(|texture| Map { texture, place, wrap: [wrap; 2] }))
     }
 
     /// A file that the scene names.
