@@ -15,7 +15,7 @@ const LAYERS: [(&str, &[&str]); 29] = [
     ("solve", &[]),
     ("ranks", &[]),
     ("usage", &[]),
-    ("gpu", &["options", "output", "ranks", "usage", "watch"]),
+    ("gpu", &["input", "options", "output", "ranks", "usage", "watch"]),
     ("direct", &["gpu", "model", "ranks", "scene"]),
     ("plan", &["direct", "model", "options", "scene"]),
     ("backend", &["gpu", "options", "ranks", "scene", "usage", "watch"]),

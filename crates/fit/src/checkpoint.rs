@@ -1,6 +1,7 @@
 //! The state of a fit on disk: written atomically, with a checksum; the previous one is kept.
 
 use super::job::FitProgress;
+use antirad_base::input;
 use antirad_base::output::{OutputError, atomic_write};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -187,7 +188,7 @@ impl Checkpoints {
     /// Fails if the checkpoint cannot be read, is corrupt, or is of another version or another job.
     pub fn read(&self, identity: &Identity) -> Result<Option<FitProgress>, CheckpointError> {
         for path in [self.current(), self.previous()] {
-            match fs::read(&path) {
+            match input::read(&path) {
                 Ok(bytes) => return self.decode(&path, &bytes, identity).map(Some),
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(reason) => return Err(CheckpointError::Read { path, reason }),

@@ -1,5 +1,6 @@
 //! Locks a folder, so that only one process at a time fits in it.
 
+use antirad_base::input;
 use antirad_base::output::OutputError;
 use std::fs::{File, TryLockError};
 use std::io::{self, Write};
@@ -89,7 +90,7 @@ impl FolderLock {
 
     /// Whether a process holds the lock of a folder; `None` where the file system does not say.
     pub fn is_held(directory: &Path) -> Option<bool> {
-        let Ok(file) = File::open(directory.join(FILE)) else { return Some(false) };
+        let Ok(file) = input::open(&directory.join(FILE)) else { return Some(false) };
         match file.try_lock_shared() {
             Ok(()) => Some(false),
             Err(TryLockError::WouldBlock) => Some(true),
@@ -102,7 +103,7 @@ fn refusal(directory: &Path, error: TryLockError) -> LockError {
     let path = directory.to_path_buf();
     match error {
         TryLockError::WouldBlock => {
-            let holder = std::fs::read_to_string(directory.join(FILE)).unwrap_or_default();
+            let holder = input::read_text(&directory.join(FILE)).unwrap_or_default();
             let holder = if holder.is_empty() { "another process" } else { holder.trim_end() };
             LockError::Held { path, holder: holder.to_owned() }
         }

@@ -4,6 +4,7 @@ use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::CostEstimate;
 use super::settings::StopRule;
 use super::target::Target;
+use antirad_base::input;
 use antirad_base::output::{OutputError, atomic_write, write_array, write_json};
 use antirad_core::plan::GradientRequest;
 use antirad_render::image::Picture;
@@ -96,7 +97,7 @@ pub fn picture_error(targets: &[Target], fitted: &[Vec<DVec3>]) -> f64 {
 
 /// The picture error over all views, read from the report in a folder written by [`write()`]; `None` if absent.
 pub fn written_picture_error(directory: &Path) -> Option<f64> {
-    let text = std::fs::read(directory.join(REPORT)).ok()?;
+    let text = input::read(&directory.join(REPORT)).ok()?;
     serde_json::from_slice::<Value>(&text).ok()?.get("picture_error")?.as_f64()
 }
 

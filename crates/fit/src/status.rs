@@ -2,6 +2,7 @@
 
 use super::job::{Record, Stop};
 use super::lock::FolderLock;
+use antirad_base::input;
 use antirad_base::output::{OutputError, write_json, write_new_json};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -124,7 +125,7 @@ impl Status {
     /// is none: the folder is not a job's.
     pub fn read(directory: &Path) -> Option<Self> {
         let read =
-            || -> Option<Self> { serde_json::from_slice(&std::fs::read(directory.join(FILE)).ok()?).ok() };
+            || -> Option<Self> { serde_json::from_slice(&input::read(&directory.join(FILE)).ok()?).ok() };
         let status = read()?;
         if status.state != State::Running || FolderLock::is_held(directory) != Some(false) {
             return Some(status);

@@ -6,6 +6,7 @@ use std::{env, fs, io};
 use ash::vk;
 use sha2::{Digest, Sha256};
 
+use antirad_base::input;
 use antirad_base::output::atomic_write;
 
 /// The folder that keeps compiled kernels unless options say otherwise: ANTIRAD_KERNEL_CACHE, or `antirad` in
@@ -31,6 +32,8 @@ pub(super) struct KernelCache {
     path: PathBuf,
     /// The driver's data as it is on disk; empty if there is none.
     known: Vec<u8>,
+    /// Whether the path may be written: a pipe or a device there would take bytes without end, or none.
+    writable: bool,
 }
 
 const CHECKSUM: usize = 32;
@@ -40,8 +43,16 @@ impl KernelCache {
         let uuid: String = of.pipeline_cache_uuid.iter().map(|byte| format!("{byte:02x}")).collect();
         let name = format!("kernels-{:x}-{:x}-{:x}-{uuid}", of.vendor_id, of.device_id, of.driver_version);
         let path = folder.join(name);
-        let known = fs::read(&path).ok().and_then(checked).unwrap_or_default();
-        Self { path, known }
+        let read = input::read(&path);
+        let writable = match &read {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                tracing::warn!("{}: kernels are compiled anew and not kept: {error}", path.display());
+                false
+            }
+            _ => true,
+        };
+        let known = read.ok().and_then(checked).unwrap_or_default();
+        Self { path, known, writable }
     }
 
     pub(super) fn data(&self) -> &[u8] {
@@ -50,7 +61,7 @@ impl KernelCache {
 
     /// Replaces what is on disk, if it differs.
     pub(super) fn keep(&self, data: &[u8]) {
-        if data == self.known {
+        if data == self.known || !self.writable {
             return;
         }
         let folder = self.path.parent().unwrap_or(Path::new("."));
@@ -103,6 +114,10 @@ mod tests {
             open().keep(b"kernels");
         }
         assert_eq!(open().data(), b"kernels");
+        // A folder in its place is left alone.
+        fs::remove_file(&path).and_then(|()| fs::create_dir(&path)).expect("a folder");
+        open().keep(b"kernels");
+        assert_eq!(open().data(), b"");
         // What cannot be written is no error.
         fs::write(folder.path().join("file"), "").expect("written");
         KernelCache::open(&folder.path().join("file"), &of).keep(b"kernels");

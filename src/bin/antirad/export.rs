@@ -67,7 +67,8 @@ pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
 /// The radiance of each triangle from its radiosity.
 fn light(path: &Path, triangles: usize) -> Result<Vec<[f64; 3]>, Failure> {
     let refuse = |what: String| Failure::Error(format!("{}: {what}", path.display()).into());
-    let bytes = std::fs::read(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
+    let bytes =
+        antirad_base::input::read(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
     let file =
         npyz::NpyFile::new(&bytes[..]).map_err(|error| refuse(format!("is no array of NumPy: {error}")))?;
     let shape = file.shape().to_vec();

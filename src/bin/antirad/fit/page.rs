@@ -97,7 +97,7 @@ impl Details {
     /// Whatever of the results can be read: a page with gaps is better than none.
     fn read(folder: &Path) -> Self {
         let json = |name: &str| -> Option<Value> {
-            serde_json::from_slice(&std::fs::read(folder.join(name)).ok()?).ok()
+            serde_json::from_slice(&antirad_base::input::read(&folder.join(name)).ok()?).ok()
         };
         let recovered = json("parameters.json");
         let recovered = recovered.as_ref().and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
