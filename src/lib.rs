@@ -144,9 +144,10 @@ pub mod fit {
     pub use antirad_fit::{
         CHECKPOINT_FILES, CheckpointError, CostEstimate, EngineRenderer, Evaluation, Exposure, Fit, FitError,
         FitProgress, FolderLock, Job, JobFile, Judged, LockError, Loss, LossKind, MotionKind, OnCheckpoint,
-        OptimiserKind, Outcome, OwnSquares, ParameterError, Parameters, Per, PictureLoss, Problem, Record,
-        Recovered, Regulariser, Regularisers, RenderError, Renderer, RunOptions, Settings, State, Status,
-        Stop, StopRule, Target, TargetError, TargetPicture, Unseen, now, results,
+        OptimiserKind, Outcome, OwnSquares, ParameterError, Parameters, Per, Photographs, PictureLoss,
+        Problem, Record, Recovered, Regulariser, Regularisers, RenderError, Renderer, RunOptions, Settings,
+        State, Status, Stop, StopRule, Target, TargetError, TargetPicture, USUAL_PIXELS, Unseen, now,
+        results,
     };
 }
 

@@ -35,6 +35,8 @@ __all__ = [
     "devices",
     "fit",
     "fit_job",
+    "load_cameras",
+    "load_targets",
     "plan",
     "read_picture",
     "refine",
@@ -438,7 +440,8 @@ class Fit:
         materials: Sequence[str] | None = None,
         meshes: Sequence[str] | None = None,
         cameras: Sequence[str] | None = None,
-        per: Literal["material", "mesh", "triangle"] = "material",
+        per: Literal["material", "mesh", "triangle", "texel"] = "material",
+        resolution: int | None = None,
         motion: Literal["rigid", "translation", "scale", "similarity", "vertices"] = "rigid",
         together: bool = False,
         lower: _Triple | None = None,
@@ -453,6 +456,10 @@ class Target:
     def __new__(
         cls, camera: Camera, picture: ArrayLike, *, mask: ArrayLike | None = None, weight: float = 1.0
     ) -> Target: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def picture(self) -> NDArray[np.float64]: ...
 
 @final
 class Regulariser:
@@ -463,7 +470,14 @@ class Regulariser:
     @staticmethod
     def sparsity(weight: float) -> Regulariser: ...
     @staticmethod
-    def prior(of: _Quantity, weight: float, value: _Triple | None = None) -> Regulariser: ...
+    def total_variation(weight: float) -> Regulariser: ...
+    @staticmethod
+    def prior(
+        of: _Quantity,
+        weight: float,
+        value: _Triple | None = None,
+        names: Sequence[str] | None = None,
+    ) -> Regulariser: ...
 
 @final
 class FitResult:
@@ -489,7 +503,7 @@ def fit(
     targets: Sequence[Target],
     fits: Sequence[Fit],
     *,
-    loss: Literal["l2", "l1", "relative-l2", "log-l1"] = "l2",
+    loss: Literal["l2", "l1", "relative-l2", "log-l1", "huber"] = "l2",
     epsilon: float | None = None,
     regularisers: Sequence[Regulariser] = (),
     optimiser: Literal["auto", "quasi-newton", "adam", "least-squares"] = "auto",
@@ -536,6 +550,17 @@ def ambiguity(
     backend: Backend | None = None,
     progress: _StepsProgress = None,
 ) -> Ambiguity: ...
+def load_cameras(path: _Path) -> list[Camera]: ...
+def load_targets(
+    path: _Path,
+    *,
+    images: _Path | None = None,
+    suffix: str | None = None,
+    mask: _Path | None = None,
+    layer: str | None = None,
+    every: int = 1,
+    pixels: int = 2_000_000,
+) -> list[Target]: ...
 def read_picture(path: _Path, *, white: float = 1.0) -> NDArray[np.float64]: ...
 def write_picture(
     path: _Path, picture: ArrayLike, *, exposure: float | None = None, srgb: bool = True

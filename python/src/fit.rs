@@ -2,16 +2,17 @@
 
 use crate::arrays::{self, Array, Numbers, Triple};
 use crate::backend::{self, Backend};
-use crate::errors::{OrRaise, Raise, exceptions, word};
+use crate::errors::{OrRaise, Raise, exceptions, invalid, word};
 use crate::plan::from_json;
 use crate::scene::{Camera, Scene};
 use crate::work::{self, Report, callback, record_dict};
 use antirad::fit::{
-    self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, RunOptions, Settings,
-    StopRule,
+    self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, Photographs,
+    RunOptions, Settings, StopRule, USUAL_PIXELS,
 };
 use antirad::glam::DVec3;
 use antirad::output::prepare_directory;
+use antirad::scene::CameraSet;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -23,7 +24,9 @@ use std::path::PathBuf;
 ///     materials: Names of materials; triangles with both a material and a mesh listed are fitted. None: all.
 ///     meshes: Names of meshes. None: all.
 ///     cameras: Names of the cameras of targets, for "camera". None: all.
-///     per: Which triangles share a value: "material", "mesh" or "triangle".
+///     per: Which triangles share a value: "material", "mesh" or "triangle"; or "texel", an albedo as a texture for each mesh with
+///         texture coordinates.
+///     resolution: Columns and rows of such a texture; by default 64.
 ///     motion: How positions may change: "rigid", "translation", "scale", "similarity" or "vertices".
 ///     together: Whether the meshes move as one body.
 ///     lower: Lower bound, one number or three, in the unit of the quantity; for positions and cameras of the displacement,
@@ -44,8 +47,8 @@ pub struct Fit {
 #[pymethods]
 impl Fit {
     #[new]
-    #[pyo3(signature = (quantity, *, materials=None, meshes=None, cameras=None, per="material", motion="rigid", together=false,
-        lower=None, upper=None, initial=None, max_rotation_degrees=None, max_scale=None))]
+    #[pyo3(signature = (quantity, *, materials=None, meshes=None, cameras=None, per="material", resolution=None, motion="rigid",
+        together=false, lower=None, upper=None, initial=None, max_rotation_degrees=None, max_scale=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn new(
         quantity: &str,
@@ -53,6 +56,7 @@ impl Fit {
         meshes: Option<Vec<String>>,
         cameras: Option<Vec<String>>,
         per: &str,
+        resolution: Option<u32>,
         motion: &str,
         together: bool,
         lower: Option<Triple>,
@@ -66,6 +70,7 @@ impl Fit {
             .meshes(meshes)
             .cameras(cameras)
             .per(word("per", per)?)
+            .resolution(resolution)
             .motion(word("motion", motion)?)
             .together(together)
             .lower(lower.map(Into::into))
@@ -108,7 +113,7 @@ impl Target {
         let mask = match mask {
             Some(mask) => {
                 if *mask.shape != [camera.height as usize, camera.width as usize] {
-                    return Err(crate::errors::invalid(format!(
+                    return Err(invalid(format!(
                         "mask has the shape {}; it must be ({}, {})",
                         arrays::shown(&mask.shape),
                         camera.height,
@@ -120,6 +125,19 @@ impl Target {
             None => None,
         };
         Ok(Self { inner: fit::Target::new(camera, pixels, mask, weight).or_raise()? })
+    }
+
+    /// The camera that took it.
+    #[getter]
+    fn camera(&self) -> Camera {
+        Camera { inner: self.inner.camera.clone() }
+    }
+
+    /// The picture, float64 (height, width, 3), linear RGB, rows from the top: W/(m² sr), up to the exposure of a photograph.
+    #[getter]
+    fn picture<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        let pixels = self.inner.pixels.iter().map(|pixel| pixel.to_array()).collect();
+        arrays::picture::<f64>(py, pixels, self.inner.camera.width)
     }
 
     fn __repr__(&self) -> String {
@@ -154,12 +172,19 @@ impl Regulariser {
         Self { inner: fit::Regulariser::Sparsity { weight } }
     }
 
-    /// A quantity stays near a value, one number or three; by default near its initial one.
+    /// Textures are even but for edges.
     #[staticmethod]
-    #[pyo3(signature = (of, weight, value=None))]
-    fn prior(of: &str, weight: f64, value: Option<Triple>) -> PyResult<Self> {
+    fn total_variation(weight: f64) -> Self {
+        Self { inner: fit::Regulariser::TotalVariation { weight } }
+    }
+
+    /// A quantity stays near a value, one number or three; by default near its initial one. `names`: of which materials or meshes; by
+    /// default of all that are fitted.
+    #[staticmethod]
+    #[pyo3(signature = (of, weight, value=None, names=None))]
+    fn prior(of: &str, weight: f64, value: Option<Triple>, names: Option<Vec<String>>) -> PyResult<Self> {
         let value = value.map(Into::into);
-        Ok(Self { inner: fit::Regulariser::Prior { of: word("of", of)?, value, weight } })
+        Ok(Self { inner: fit::Regulariser::Prior { of: word("of", of)?, names, value, weight } })
     }
 
     fn __repr__(&self) -> String {
@@ -240,8 +265,8 @@ impl FitResult {
 ///     scene: The scene, with initial values.
 ///     targets: Pictures.
 ///     fits: What to find.
-///     loss: "l2", "l1", "relative-l2" or "log-l1".
-///     epsilon: ε of the last two losses, W/(m² sr); by default a hundredth of the mean picture.
+///     loss: "l2", "l1", "relative-l2", "log-l1" or "huber", which is that for photographs.
+///     epsilon: ε of the last three losses, W/(m² sr); by default a hundredth of the mean picture, of "huber" a tenth.
 ///     regularisers: Assumptions.
 ///     optimiser: "auto", "quasi-newton" (L-BFGS-B), "adam" or "least-squares" (emission alone).
 ///     learning_rate: Of adam.
@@ -397,6 +422,66 @@ fn run(
     })?;
     let (inner, warnings) = result?;
     Ok(FitResult { inner, widths, warnings })
+}
+
+/// The cameras of a set of photographs: centred pinholes with the horizontal fields of view and the sizes of their lenses.
+///
+/// Args:
+///     path: A transforms.json (NeRF, Blender, instant-ngp, nerfstudio), or the folder of a COLMAP model.
+///
+/// Raises:
+///     SceneError: The set cannot be read; the message names the frame.
+#[pyfunction]
+pub fn load_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
+    let cameras = work::run(py, None, move |_| {
+        let photographs = Photographs::new(CameraSet::read(&path)?);
+        photographs.set.frames.iter().map(|frame| photographs.camera_of(frame)).collect::<Result<Vec<_>, _>>()
+    })?
+    .or_raise()?;
+    Ok(cameras.into_iter().map(|inner| Camera { inner }).collect())
+}
+
+/// A target for each photograph of a set, averaged down in linear light. Exposures and white balances of JPEG, PNG and integer TIFF
+/// are found by `fit`, and their clipped pixels are lower bounds.
+///
+/// Args:
+///     path: A transforms.json (NeRF, Blender, instant-ngp, nerfstudio), or the folder of a COLMAP model.
+///     images: Folder of the pictures, if not that of the set.
+///     suffix: Suffix of the pictures, if not that in the set, such as ".exr".
+///     mask: Path of masks, in which `{name}` stands for the name of the frame.
+///     layer: Layer of EXR files.
+///     every: Each n-th frame only.
+///     pixels: Largest number of pixels of all pictures together. They are averaged down by the smallest whole number that keeps it.
+///
+/// Raises:
+///     SceneError: The set cannot be read.
+///     PictureError: A picture cannot be read, or does not fit its camera; the message names the frame.
+///     ValueError: `every` or `pixels` is 0.
+#[pyfunction]
+#[pyo3(signature = (path, *, images=None, suffix=None, mask=None, layer=None, every=1, pixels=USUAL_PIXELS),
+    text_signature = "(path, *, images=None, suffix=None, mask=None, layer=None, every=1, pixels=2_000_000)")]
+#[expect(clippy::too_many_arguments, reason = "keyword arguments")]
+pub fn load_targets(
+    py: Python<'_>,
+    path: PathBuf,
+    images: Option<PathBuf>,
+    suffix: Option<String>,
+    mask: Option<PathBuf>,
+    layer: Option<String>,
+    every: usize,
+    pixels: usize,
+) -> PyResult<Vec<Target>> {
+    if every == 0 || pixels == 0 {
+        return Err(invalid("every and pixels must be 1 or more".to_owned()));
+    }
+    let targets = work::run(py, None, move |_| -> PyResult<_> {
+        let mut set = CameraSet::read(&path).or_raise()?;
+        set.frames = set.frames.into_iter().step_by(every).collect();
+        let photographs = Photographs::new(set).images(images).suffix(suffix).mask(mask).layer(layer);
+        let shrink = photographs.shrink_to(pixels);
+        photographs.shrink(shrink).targets().map_err(exceptions::PictureError::new_err)
+    })??;
+    Ok(targets.into_iter().map(|inner| Target { inner }).collect())
 }
 
 /// Reads a picture, EXR, PNG, JPEG, TIFF or Radiance HDR, as float64 (height, width, 3): linear RGB, rows from the top.

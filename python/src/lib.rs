@@ -32,7 +32,9 @@ mod _antirad {
         DeviceError, Error, FitError, PictureError, PlanError, SceneError, SolveError,
     };
     #[pymodule_export]
-    use crate::fit::{Fit, FitResult, Regulariser, Target, fit_, fit_job, read_picture};
+    use crate::fit::{
+        Fit, FitResult, Regulariser, Target, fit_, fit_job, load_cameras, load_targets, read_picture,
+    };
     #[pymodule_export]
     use crate::picture::write_picture;
     #[pymodule_export]

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 from rooms import room
@@ -87,3 +89,54 @@ def test_contradictions_are_refused():
         antirad.Target(scene.camera(), picture)
     regulariser = antirad.Regulariser.smoothness("albedo", 1e-3)
     assert "albedo" in repr(regulariser)
+
+
+def photographs(folder, scene):
+    """A transforms.json and EXR files of a scene from two cameras."""
+    cameras = [scene.camera(), scene.camera().replace(position=(-0.4, 0.3, 0.9), name="other")]
+    engine = antirad.Engine(scene.with_settings(tolerance=1e-5))
+    solution = engine.solve()
+    frames = []
+    for camera in cameras:
+        antirad.write_picture(folder / f"{camera.name}.exr", engine.render(solution, camera))
+        frames.append({"file_path": f"{camera.name}.exr", "transform_matrix": pose(camera).tolist()})
+    size = {"w": cameras[0].width, "h": cameras[0].height}
+    lens = {"camera_angle_x": np.radians(cameras[0].fov_x_degrees), **size}
+    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+    return cameras
+
+
+def pose(camera):
+    """The columns right, up, backward and position."""
+    backward = np.subtract(camera.position, camera.target)
+    backward /= np.linalg.norm(backward)
+    right = np.cross(camera.up, backward)
+    right /= np.linalg.norm(right)
+    columns = np.stack([right, np.cross(backward, right), backward, camera.position], axis=1)
+    return np.vstack([columns, [0, 0, 0, 1]])
+
+
+def test_photographs_and_their_cameras_are_read(tmp_path):
+    truth = room()
+    given = photographs(tmp_path, truth)
+    cameras = antirad.load_cameras(tmp_path / "transforms.json")
+    assert [camera.name for camera in cameras] == ["main", "other"]
+    for camera, wanted in zip(cameras, given, strict=True):
+        assert camera.position == pytest.approx(wanted.position)
+        assert camera.fov_x_degrees == pytest.approx(wanted.fov_x_degrees)
+        assert (camera.width, camera.height) == (12, 8)
+    targets = antirad.load_targets(tmp_path / "transforms.json")
+    assert targets[1].camera == cameras[1] and targets[1].picture.shape == (8, 12, 3)
+    small = antirad.load_targets(tmp_path / "transforms.json", every=2, pixels=24)
+    assert [target.picture.shape for target in small] == [(4, 6, 3)]
+    assert small[0].picture.mean() == pytest.approx(targets[0].picture.mean())
+    start = truth.replace(albedo=[[0.3] * 3, [0.4] * 3, [0.1] * 3])
+    fits = [antirad.Fit("albedo", materials=["wall", "paint"])]
+    result = antirad.fit(start, targets, fits, loss="relative-l2")
+    assert result.scene.albedo[:2] == pytest.approx(truth.albedo[:2], abs=2e-3)
+    with pytest.raises(antirad.PictureError, match=r"main.*\.hdr"):
+        antirad.load_targets(tmp_path / "transforms.json", suffix=".hdr")
+    with pytest.raises(ValueError, match="every"):
+        antirad.load_targets(tmp_path / "transforms.json", every=0)
+    with pytest.raises(antirad.SceneError, match=r"none\.json"):
+        antirad.load_cameras(tmp_path / "none.json")

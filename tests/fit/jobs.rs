@@ -74,7 +74,7 @@ fn a_gauss_newton_hessian_saves_evaluations() {
     for (at, pixel) in targets.iter_mut().flat_map(|target| &mut target.pixels).enumerate() {
         *pixel *= 1.0 + 0.1 * (at as f64 * 1.7).sin();
     }
-    let prior = Regulariser::Prior { of: Quantity::Albedo, value: Some([0.4; 3]), weight: 1e-3 };
+    let prior = Regulariser::Prior { of: Quantity::Albedo, names: None, value: Some([0.4; 3]), weight: 1e-3 };
     let with = |gauss_newton| {
         let settings = from_grey().gauss_newton(gauss_newton).regularisers(vec![prior.clone()]);
         let mut job = Job::new("j", scene(), targets.clone(), settings).expect("a job");
@@ -160,7 +160,7 @@ fn least_squares_with_assumptions() {
         Settings::new(vec![everywhere.clone()]).optimiser(optimiser).regularisers(vec![
             Regulariser::Sparsity { weight: 3e-2 },
             Regulariser::Smoothness { of: Quantity::Emission, weight: 1e-2 },
-            Regulariser::Prior { of: Quantity::Emission, value: Some([0.1; 3]), weight: 1e-2 },
+            Regulariser::Prior { of: Quantity::Emission, names: None, value: Some([0.1; 3]), weight: 1e-2 },
         ])
     };
     let (linear, general) = (

@@ -108,10 +108,10 @@ fn derivatives_are_those_of_finite_differences() {
         Regulariser::Smoothness { of: Quantity::Emission, weight: 0.5 },
         Regulariser::Laplacian { weight: 2.0 },
         Regulariser::Sparsity { weight: 3.0 },
-        Regulariser::Prior { of: Quantity::Albedo, value: Some([0.5; 3]), weight: 0.3 },
-        Regulariser::Prior { of: Quantity::Power, value: Some([20.0; 3]), weight: 0.3 },
-        Regulariser::Prior { of: Quantity::Position, value: None, weight: 0.3 },
-        Regulariser::Prior { of: Quantity::Camera, value: None, weight: 0.3 },
+        Regulariser::Prior { of: Quantity::Albedo, names: None, value: Some([0.5; 3]), weight: 0.3 },
+        Regulariser::Prior { of: Quantity::Power, names: None, value: Some([20.0; 3]), weight: 0.3 },
+        Regulariser::Prior { of: Quantity::Position, names: None, value: None, weight: 0.3 },
+        Regulariser::Prior { of: Quantity::Camera, names: None, value: None, weight: 0.3 },
     ];
     let regularisers = Regularisers::new(&terms, &parameters).expect("terms");
     let evaluate = |x: &[f64]| {
@@ -266,16 +266,46 @@ fn assumptions_about_nothing_are_refused() {
         (Regulariser::Smoothness { of: Quantity::Power, weight: 1.0 }, "power is not fitted"),
         (Regulariser::Smoothness { of: Quantity::Position, weight: 1.0 }, "laplacian"),
         (Regulariser::Smoothness { of: Quantity::Camera, weight: 1.0 }, "prior"),
-        (Regulariser::Prior { of: Quantity::Camera, value: None, weight: 1.0 }, "camera is not fitted"),
+        (
+            Regulariser::Prior { of: Quantity::Camera, names: None, value: None, weight: 1.0 },
+            "camera is not fitted",
+        ),
         (Regulariser::Laplacian { weight: 1.0 }, "no vertices are fitted"),
         (Regulariser::Sparsity { weight: 1.0 }, "emission is not fitted"),
-        (Regulariser::Prior { of: Quantity::Emission, value: None, weight: 1.0 }, "emission is not fitted"),
+        (
+            Regulariser::Prior { of: Quantity::Emission, names: None, value: None, weight: 1.0 },
+            "emission is not fitted",
+        ),
         (Regulariser::Smoothness { of: Quantity::Albedo, weight: -1.0 }, "the weight is -1"),
     ] {
         let (at, message) = Regularisers::new(std::slice::from_ref(&term), &parameters).expect_err(part);
         assert_eq!(at, 0);
         says(&message, &[part]);
     }
+}
+
+/// A prior of one name has a value at its unknowns alone.
+#[test]
+fn a_prior_may_be_of_a_few_names() {
+    let parameters = Parameters::new(&scene(), &[fit(Quantity::Albedo)], 1.0).expect("parameters");
+    let groups = parameters.groups_of(Quantity::Albedo);
+    assert!(groups.len() > 1, "{groups:?}");
+    let (name, unknowns) = groups[1].clone();
+    let prior = |name: &str| {
+        let names = Some(vec![name.to_owned()]);
+        [Regulariser::Prior { of: Quantity::Albedo, names, value: Some([0.25; 3]), weight: 3.0 }]
+    };
+    let terms = Regularisers::new(&prior(name), &parameters).expect("a term");
+    let x = vec![0.5; parameters.len()];
+    let (mut by_scene, mut by_unknowns) = (SceneGradient::default(), vec![0.0; x.len()]);
+    let values = terms.evaluate(&parameters, &parameters.scene(&x), &x, &mut by_scene, &mut by_unknowns);
+    assert!((values[0] - 3.0 * 0.25 * 0.25).abs() < 1e-12, "{values:?}");
+    for (i, by) in by_unknowns.into_iter().enumerate() {
+        let expected = if unknowns.contains(&i) { 2.0 * 0.25 } else { 0.0 };
+        assert!((by - expected).abs() < 1e-12, "{i}: {by}");
+    }
+    let (_, message) = Regularisers::new(&prior("nothing"), &parameters).expect_err("a name that is unknown");
+    says(&message, &["no albedo is fitted of \"nothing\"", name]);
 }
 
 /// A camera moves as a whole, within its bounds; views of one camera move together, and others stay.

@@ -22,8 +22,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::f64::consts::PI;
-use std::ops::{ControlFlow, Range};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Why a fit has no result.
@@ -112,13 +113,6 @@ const DECREASE_OVER_ADAM: usize = 50;
 /// How many times the decrease that the model promises must be small for a fit to end after one small decrease.
 const PROMISED: f64 = 10.0;
 
-/// Of the stage before textures: pictures of a Gauss-Newton Hessian, and when it ends.
-const COARSE_PICTURES: usize = 40;
-const COARSE_ITERATIONS: u32 = 12;
-const COARSE_DECREASE: f64 = 1e-2;
-/// Share of the loss that a candidate for a lamp must explain.
-const DARK: f64 = 1e-2;
-
 /// Why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -178,7 +172,7 @@ impl Record {
 /// The progress of a fit, as stored in a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FitProgress {
-    optimiser: Optimiser,
+    pub(super) optimiser: Optimiser,
     trail: Trail,
     /// One entry per iteration, the start first.
     pub history: Vec<Record>,
@@ -199,11 +193,11 @@ impl FitProgress {
     }
 
     /// The latest loss.
-    fn loss(&self) -> f64 {
+    pub(super) fn loss(&self) -> f64 {
         self.history.last().map_or(f64::INFINITY, |record| record.loss)
     }
 
-    fn stop(&self, rule: &StopRule) -> Option<Stop> {
+    pub(super) fn stop(&self, rule: &StopRule) -> Option<Stop> {
         let last = self.history.last()?;
         if last.loss <= rule.loss {
             return Some(Stop::Loss);
@@ -322,8 +316,8 @@ impl Outcome {
 pub struct Job {
     /// Name, for messages and files.
     pub name: String,
-    problem: Problem,
-    settings: Settings,
+    pub(super) problem: Problem,
+    pub(super) settings: Settings,
     identity: Identity,
     /// The scene's own cameras; in a fit it has those of the targets.
     cameras: Vec<Camera>,
@@ -368,7 +362,7 @@ impl Job {
         if !is_smooth && targets.iter().any(|target| target.exposure.is_fitted()) {
             return refuse("an exposure is fitted by a smooth loss; use huber, relative-l2 or l2");
         }
-        let problem = Problem { parameters, targets, loss: Box::new(loss), regularisers };
+        let problem = Problem { parameters, targets, loss: Arc::new(loss), regularisers };
         let job = Self { name: name.into(), problem, settings, identity, cameras };
         if job.settings.optimiser == OptimiserKind::LeastSquares && !job.is_quadratic() {
             return refuse(
@@ -380,7 +374,7 @@ impl Job {
 
     /// Replaces the loss of the settings. Checkpoints do not record it: resume with the same one.
     pub fn set_loss(&mut self, loss: Box<dyn PictureLoss + Send + Sync>) {
-        self.problem.loss = loss;
+        self.problem.loss = loss.into();
     }
 
     /// The objective.
@@ -410,7 +404,7 @@ impl Job {
         }
     }
 
-    fn new_optimiser(&self) -> Optimiser {
+    pub(super) fn new_optimiser(&self) -> Optimiser {
         self.optimiser_from(self.problem.parameters.start().to_vec())
     }
 
@@ -457,93 +451,6 @@ impl Job {
             OnCheckpoint::Resume => Ok(checkpoints.read(&self.identity)?),
             OnCheckpoint::Discard => Ok(None),
         }
-    }
-
-    /// Where a fit of textures starts, and the Hessian there: with one albedo for each, and everything else, fitted before. Texels of a mesh
-    /// and its lamps act on pictures together, which an optimiser of many unknowns learns slowly.
-    fn coarse_start(
-        &mut self,
-        x: &[f64],
-        renderer: &mut dyn Renderer,
-        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
-    ) -> Result<(Vec<f64>, Option<CoarseHessian>), FitError> {
-        tracing::info!("first with one albedo for each texture");
-        let (coarse, of) = self.problem.parameters.without_textures(x)?;
-        let fine = std::mem::replace(&mut self.problem.parameters, coarse);
-        let regularisers = Regularisers::applicable(&self.settings.regularisers, &self.problem.parameters);
-        let regularisers = std::mem::replace(&mut self.problem.regularisers, regularisers);
-        let settings = self.settings.clone().gauss_newton(self.settings.gauss_newton.max(COARSE_PICTURES));
-        let settings = std::mem::replace(&mut self.settings, settings);
-        let found = self.coarse(renderer, watch);
-        (self.problem.parameters, self.problem.regularisers, self.settings) = (fine, regularisers, settings);
-        let (optimiser, dark) = found?;
-        dark.into_iter().for_each(|block| self.problem.parameters.hold_at_zero(block));
-        let x = of.iter().map(|&z| optimiser.best()[z as usize]).collect();
-        let hessian = match optimiser {
-            Optimiser::QuasiNewton(optimiser) => optimiser.hessian(),
-            Optimiser::Adam(_) | Optimiser::LeastSquares(_) => None,
-        };
-        Ok((x, hessian.map(|hessian| CoarseHessian { of, hessian })))
-    }
-
-    /// The optimiser after a few steps, and the blocks of candidates for lamps that are dark: without which the pictures are explained as well.
-    fn coarse(
-        &self,
-        renderer: &mut dyn Renderer,
-        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
-    ) -> Result<(Optimiser, Vec<usize>), FitError> {
-        let mut best = self.few_steps(self.new_optimiser(), renderer, watch)?;
-        if let Optimiser::QuasiNewton(optimiser) = &mut best.optimiser {
-            // That of earlier steps is no longer that of this point.
-            let hessian = self.problem.gauss_newton(optimiser.x(), renderer).map_err(before_the_first)?;
-            hessian.iter().for_each(|hessian| optimiser.set_hessian(hessian));
-        }
-        let mut candidates = self.problem.parameters.candidates();
-        let mut dark = Vec::new();
-        while let Optimiser::QuasiNewton(optimiser) = &best.optimiser {
-            let loss = best.loss();
-            let without = |(at, (_, name, unknowns)): (usize, &(usize, &str, Range<usize>))| {
-                let (increase, trial) = optimiser.without(unknowns.clone())?;
-                tracing::info!(
-                    "without light of {name} the loss is expected {:.2} % higher",
-                    100.0 * increase / loss
-                );
-                (increase <= DARK * loss).then_some((at, increase, trial))
-            };
-            let trials = candidates.iter().enumerate().filter_map(without);
-            let Some((at, _, trial)) = trials.min_by(|(_, a, _), (_, b, _)| a.total_cmp(b)) else { break };
-            let trial = self.few_steps(Optimiser::QuasiNewton(trial), renderer, watch)?;
-            let (block, name, _) = candidates.remove(at);
-            if trial.loss() <= (1.0 + DARK) * loss {
-                tracing::info!("{name} does not shine: pictures are explained as well without its light");
-                dark.push(block);
-                best = trial;
-            }
-        }
-        Ok((best.optimiser, dark))
-    }
-
-    /// The progress of an optimiser until steps become small.
-    fn few_steps(
-        &self,
-        optimiser: Optimiser,
-        renderer: &mut dyn Renderer,
-        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
-    ) -> Result<FitProgress, FitError> {
-        let rule = StopRule::default().iterations(COARSE_ITERATIONS).relative_decrease(COARSE_DECREASE);
-        let mut progress = FitProgress::new(optimiser);
-        while progress.stop(&rule).is_none() {
-            let record = advance(&self.problem, &self.settings, None, &mut progress, renderer);
-            let record = record.map_err(|error| match error {
-                StepError::Objective(error) => before_the_first(error),
-                error => FitError::Optimiser(error.to_string()),
-            })?;
-            let Some(record) = record else { break };
-            if watch(&record, &progress).is_break() {
-                return Err(FitError::Interrupted { iteration: 0 });
-            }
-        }
-        Ok(progress)
     }
 
     /// Runs the job. `watch` is called after every iteration, including the start (iteration 0), and may stop it. A job that was
@@ -692,7 +599,7 @@ impl Job {
 }
 
 /// What an error before the first iteration means to a fit.
-fn before_the_first(error: RenderError) -> FitError {
+pub(super) fn before_the_first(error: RenderError) -> FitError {
     match error {
         RenderError::Interrupted => FitError::Interrupted { iteration: 0 },
         error => error.into(),
@@ -701,7 +608,7 @@ fn before_the_first(error: RenderError) -> FitError {
 
 /// The start, or the next iteration, which it adds to the history; `None` where no progress can be made. `coarse`: what is known of the
 /// Hessian at the start.
-fn advance(
+pub(super) fn advance(
     problem: &Problem,
     settings: &Settings,
     coarse: Option<&CoarseHessian>,

@@ -81,6 +81,7 @@ struct LossTable {
 struct RegulariserTable {
     kind: RegulariserKind,
     of: Option<Quantity>,
+    names: Option<Vec<String>>,
     value: Option<Triple>,
     weight: f64,
 }
@@ -146,10 +147,11 @@ const USUAL_ALBEDO: f64 = 0.5;
 /// Relative decrease of the loss below which a fit of photographs ends: most of their loss is noise.
 const DECREASE_OF_PHOTOGRAPHS: f64 = 2e-3;
 
-/// What is assumed unless regularisers are stated.
+/// What is assumed unless regularisers are stated, but for those of a few names.
 fn usual_regularisers(fits: &[Fit], are_photographs: bool) -> Vec<Regulariser> {
     let evenness = Regulariser::TotalVariation { weight: EVENNESS };
-    let prior = Regulariser::Prior { of: Quantity::Albedo, value: Some([USUAL_ALBEDO; 3]), weight: OPEN };
+    let value = Some([USUAL_ALBEDO; 3]);
+    let prior = Regulariser::Prior { of: Quantity::Albedo, names: None, value, weight: OPEN };
     let textures = fits.iter().any(|fit| fit.per == Per::Texel);
     let albedos = are_photographs && fits.iter().any(|fit| fit.quantity == Quantity::Albedo);
     [textures.then_some(evenness), albedos.then_some(prior)].into_iter().flatten().collect()
@@ -219,7 +221,7 @@ impl JobFile {
     /// # threshold = 0.3              # for "huber": relative difference from which on pixels are outliers
     ///
     /// [[regulariser]]
-    /// kind = "smoothness"            # or "prior" (with value), "sparsity", "laplacian"
+    /// kind = "smoothness"            # or "prior" (with value and names), "sparsity", "laplacian", "total-variation"
     /// of = "albedo"
     /// weight = 1e-3
     ///
@@ -326,13 +328,13 @@ impl JobFile {
                     .into());
             }
         }
-        if table.regulariser.is_empty() {
-            settings.regularisers = usual_regularisers(&settings.fits, are_photographs);
-        }
         for term in &table.regulariser {
             let regulariser =
                 term.get_ref().regulariser().map_err(|message| place_of(term.span()).error(message))?;
             settings.regularisers.push(regulariser);
+        }
+        if table.regulariser.iter().all(|term| term.get_ref().names.is_some()) {
+            settings.regularisers.extend(usual_regularisers(&settings.fits, are_photographs));
         }
         if let Some(optimiser) = &table.optimiser {
             optimiser.get_ref().apply(&mut settings, place_of(optimiser.span()))?;
@@ -440,9 +442,14 @@ impl RegulariserTable {
         if value.is_some() && self.kind != RegulariserKind::Prior {
             return Err(String::from("`value` is for kind = \"prior\"; remove it"));
         }
+        if self.names.is_some() && self.kind != RegulariserKind::Prior {
+            return Err(String::from("`names` is for kind = \"prior\"; remove it"));
+        }
         match (self.kind, self.of) {
             (RegulariserKind::Smoothness, Some(of)) => Ok(Regulariser::Smoothness { of, weight }),
-            (RegulariserKind::Prior, Some(of)) => Ok(Regulariser::Prior { of, value, weight }),
+            (RegulariserKind::Prior, Some(of)) => {
+                Ok(Regulariser::Prior { of, names: self.names.clone(), value, weight })
+            }
             (RegulariserKind::Smoothness | RegulariserKind::Prior, None) => {
                 Err(String::from("which parameter? Add `of`, for example of = \"albedo\""))
             }

@@ -7,6 +7,7 @@
 #![warn(missing_docs)]
 
 mod checkpoint;
+mod coarse;
 mod detect;
 mod engine_renderer;
 mod exposure;
@@ -42,6 +43,7 @@ pub use job_file::JobFile;
 pub use lock::{FolderLock, LockError};
 pub use loss::{Loss, LossKind, PictureLoss};
 pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered, Unseen};
+pub use photographs::{Photographs, USUAL_PIXELS};
 pub use problem::{Evaluation, Judged, Problem};
 pub use regulariser::{Regulariser, Regularisers};
 pub use renderer::{CostEstimate, OwnSquares, RenderError, Renderer};

@@ -22,6 +22,12 @@ pub trait PictureLoss {
     fn is_quadratic(&self) -> bool {
         false
     }
+
+    /// The same loss for other targets, such as smaller pictures of the same views; `None` if it is for its own alone. Then fits of textures
+    /// have no first stage of smaller pictures.
+    fn of_targets(&self, _targets: &[Target]) -> Option<Box<dyn PictureLoss + Send + Sync>> {
+        None
+    }
 }
 
 /// Kind of loss.
@@ -80,10 +86,8 @@ impl Loss {
             }
         }
         let mean = sum / weight;
-        let (fraction, means) = match kind {
-            LossKind::Huber => (EPSILON_OF_HUBER, targets.par_iter().map(local_means).collect()),
-            _ => (EPSILON, Vec::new()),
-        };
+        let fraction = if kind == LossKind::Huber { EPSILON_OF_HUBER } else { EPSILON };
+        let means = means_of(kind, targets);
         let epsilon = if mean > 0.0 { fraction * mean } else { fraction };
         let clips = targets.iter().any(|target| target.clip.is_some());
         let threshold = if clips { THRESHOLD } else { THRESHOLD_OF_RENDERINGS };
@@ -136,6 +140,14 @@ impl Loss {
     }
 }
 
+/// Local means of targets, if a loss is relative to them.
+fn means_of(kind: LossKind, targets: &[Target]) -> Vec<Vec<DVec3>> {
+    match kind {
+        LossKind::Huber => targets.par_iter().map(local_means).collect(),
+        _ => Vec::new(),
+    }
+}
+
 /// Means of a target over the squares around its pixels, of those that count, without the pixel itself: its noise would make it count the less
 /// the brighter it happens to be, and fits too dark.
 fn local_means(target: &Target) -> Vec<DVec3> {
@@ -159,6 +171,10 @@ fn local_means(target: &Target) -> Vec<DVec3> {
 }
 
 impl PictureLoss for Loss {
+    fn of_targets(&self, targets: &[Target]) -> Option<Box<dyn PictureLoss + Send + Sync>> {
+        Some(Box::new(Self { means: means_of(self.kind, targets), ..*self }))
+    }
+
     fn evaluate(&self, view: usize, picture: &[DVec3], target: &Target) -> (f64, Vec<DVec3>) {
         let norm = 1.0 / (3.0 * target.mask_sum());
         let mut sum = 0.0;

@@ -2,33 +2,89 @@
 
 use super::target::{Target, open_mask, unreadable, weights};
 use super::target_table::{Treatment, averaged};
+use antirad_base::setters;
 use antirad_render::image::{Photo, PhotoMask};
-use antirad_scene::{Camera, CameraSet, Frame, Lens};
+use antirad_scene::{Camera, CameraSet, Frame, Lens, SceneError};
 use rayon::prelude::*;
 use std::path::PathBuf;
 
 /// Photographs in memory at once: each takes up to some hundred megabytes until it is averaged.
 const AT_ONCE: usize = 8;
 
+/// The largest number by which pictures are averaged down.
+const MOST_SHRUNK: f64 = 1024.0;
+
+/// Pixels of all pictures of a set to which they are averaged down unless another number is stated.
+pub const USUAL_PIXELS: usize = 2_000_000;
+
 /// The pictures of a set, and how to read them.
-pub(super) struct Photographs<'a> {
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Photographs {
     /// With the frames that are wanted, in the world of the scene.
-    pub set: &'a CameraSet,
+    pub set: CameraSet,
     /// Where the pictures are, if not where the set has them.
-    pub folder: Option<PathBuf>,
+    pub images: Option<PathBuf>,
     /// Their suffix, if not that in the set.
-    pub suffix: Option<&'a str>,
+    pub suffix: Option<String>,
     /// Path of a mask, in which `{name}` stands for the name of the frame.
     pub mask: Option<PathBuf>,
-    pub layer: Option<&'a str>,
-    /// By how much pictures are averaged down.
+    /// Layer of EXR files.
+    pub layer: Option<String>,
+    /// By how much pictures are averaged down along both sides.
     pub shrink: u32,
-    pub treatment: Treatment,
+    pub(super) treatment: Treatment,
 }
 
-impl Photographs<'_> {
+setters!(Photographs {
+    images: Option<PathBuf>,
+    suffix: Option<String>,
+    mask: Option<PathBuf>,
+    layer: Option<String>,
+    shrink: u32,
+});
+
+impl Photographs {
+    /// All pictures of a set as they are, with exposures and white balances to be fitted where they are integers.
+    pub fn new(set: CameraSet) -> Self {
+        let treatment = Treatment::of_photographs();
+        Self { set, images: None, suffix: None, mask: None, layer: None, shrink: 1, treatment }
+    }
+
+    /// A target for each frame.
+    ///
+    /// # Errors
+    /// Says which frame cannot be read, or does not fit its camera.
+    pub fn targets(&self) -> Result<Vec<Target>, String> {
+        Ok(self.read()?.into_iter().map(|(target, _)| target).collect())
+    }
+
+    /// The camera of a frame: a centred pinhole with the horizontal field of view and the size of its lens, or the size of its picture where
+    /// the set states none.
+    ///
+    /// # Errors
+    /// Fails if no size is stated and the picture cannot be read, or if the lens is invalid.
+    pub fn camera_of(&self, frame: &Frame) -> Result<Camera, SceneError> {
+        let refuse = |message: String| self.set.error(frame, message);
+        let size = match frame.intrinsics.size() {
+            Some(size) => size,
+            None => Photo::size(&self.path(frame)?).map_err(|error| {
+                refuse(format!("the set has no w and h, so they are those of its picture: {error}"))
+            })?,
+        };
+        let lens = frame.intrinsics.lens(size).map_err(refuse)?;
+        let camera = frame.camera(&lens, lens.width, lens.height);
+        camera.check().map_err(|error| refuse(error.to_string()))?;
+        Ok(camera)
+    }
+
+    /// The picture of a frame.
+    fn path(&self, frame: &Frame) -> Result<PathBuf, SceneError> {
+        self.set.picture(frame, self.images.as_deref(), self.suffix.as_deref())
+    }
+
     /// A target for each frame, with the number of clipped pixels that are ignored. The error names the frame.
-    pub fn read(&self) -> Result<Vec<(Target, usize)>, String> {
+    pub(super) fn read(&self) -> Result<Vec<(Target, usize)>, String> {
         let mut targets = Vec::with_capacity(self.set.frames.len());
         for frames in self.set.frames.chunks(rayon::current_num_threads().min(AT_ONCE)) {
             let read: Vec<_> = frames.par_iter().map(|frame| self.target(frame)).collect();
@@ -40,22 +96,31 @@ impl Photographs<'_> {
         Ok(targets)
     }
 
+    /// The smallest whole number by which pictures are averaged down to have at most so many pixels together. Pictures that cannot be read
+    /// do not count.
+    pub fn shrink_to(&self, pixels: usize) -> u32 {
+        let size = |frame: &Frame| {
+            let of_picture = || Photo::size(&self.path(frame).ok()?).ok();
+            frame.intrinsics.size().or_else(of_picture).unwrap_or_default()
+        };
+        let all: f64 =
+            self.set.frames.par_iter().map(|frame| size(frame).map(f64::from).iter().product::<f64>()).sum();
+        (all / pixels.max(1) as f64).sqrt().ceil().clamp(1.0, MOST_SHRUNK) as u32
+    }
+
     fn target(&self, frame: &Frame) -> Result<(Target, usize), String> {
-        let path = self
-            .set
-            .picture(frame, self.folder.as_deref(), self.suffix)
-            .map_err(|error| error.to_string())?;
+        let path = self.path(frame).map_err(|error| error.to_string())?;
         let named = |message: String| format!("frame \"{}\": {message}", frame.name);
         let of_file = |message: String| named(format!("{}: {message}", path.display()));
         let stated = frame.intrinsics.size();
-        let photo = Photo::read_of_size(&path, self.layer, |size| {
+        let photo = Photo::read_of_size(&path, self.layer.as_deref(), |size| {
             stated.is_none_or(|stated| same_shape(stated, size))
         })
         .map_err(|error| named(unreadable(error).to_string()))?;
         let size = [photo.width, photo.height];
         let lens = frame.intrinsics.lens(size).map_err(of_file)?;
         let camera = self.camera(frame, &lens, size).map_err(of_file)?;
-        let mask = self.mask(frame, size).map_err(named)?;
+        let mask = self.mask_of(frame, size).map_err(named)?;
         let (photo, mask) = self.seen(photo, mask.as_ref(), &lens, &camera);
         self.treatment.target(&photo, mask, camera).map_err(|error| of_file(error.to_string()))
     }
@@ -87,7 +152,7 @@ impl Photographs<'_> {
     }
 
     /// The mask of a frame, of the size of its picture.
-    fn mask(&self, frame: &Frame, [width, height]: [u32; 2]) -> Result<Option<PhotoMask>, String> {
+    fn mask_of(&self, frame: &Frame, [width, height]: [u32; 2]) -> Result<Option<PhotoMask>, String> {
         let Some(pattern) = &self.mask else { return Ok(None) };
         let path = PathBuf::from(pattern.to_string_lossy().replace("{name}", &frame.name));
         let mask = open_mask(&path).map_err(|error| error.of(&path))?;

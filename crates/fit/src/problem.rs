@@ -10,6 +10,7 @@ use antirad_render::render::{Quantity, SceneGradient};
 use antirad_scene::Scene;
 use glam::DVec3;
 use std::borrow::Cow;
+use std::sync::Arc;
 
 /// The objective: the weighted mean of the losses of all views, plus the regularisers.
 pub struct Problem {
@@ -18,7 +19,7 @@ pub struct Problem {
     /// One target per view.
     pub targets: Vec<Target>,
     /// Loss of a picture against its target.
-    pub loss: Box<dyn PictureLoss + Send + Sync>,
+    pub loss: Arc<dyn PictureLoss + Send + Sync>,
     /// The regularisers.
     pub regularisers: Regularisers,
 }

@@ -1,6 +1,7 @@
 //! Regularisers: value and gradient of each.
 
 use super::parameters::{MotionKind, Parameters};
+use super::selection::unknown_of;
 use antirad_render::render::{Quantity, SceneGradient};
 use antirad_scene::{Edges, Scene, Welded, sides};
 use glam::DVec3;
@@ -44,6 +45,8 @@ pub enum Regulariser {
     Prior {
         /// The quantity.
         of: Quantity,
+        /// Materials, meshes, triangles or cameras, by the names that results give them; `None`: all that are fitted.
+        names: Option<Vec<String>>,
         /// The value to stay near, in the unit of the quantity.
         value: Option<[f64; 3]>,
         /// Weight, dimensionless.
@@ -70,8 +73,13 @@ impl Regulariser {
             Self::Laplacian { .. } => String::from("meshes keep their shape"),
             Self::Sparsity { .. } => String::from("few triangles emit, and emission is not negative"),
             Self::TotalVariation { .. } => String::from("textures are even but for edges"),
-            Self::Prior { of, value: Some(value), .. } => format!("{} is near {value:?}", of.word()),
-            Self::Prior { of, value: None, .. } => format!("{} is near where it started", of.word()),
+            Self::Prior { of, names, value, .. } => {
+                let whose =
+                    names.as_ref().map_or_else(String::new, |names| format!(" of {}", names.join(", ")));
+                let near =
+                    value.map_or_else(|| String::from("where it started"), |value| format!("{value:?}"));
+                format!("{}{whose} is near {near}", of.word())
+            }
         }
     }
 }
@@ -234,24 +242,32 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
                 false => Err(String::from("no texture is fitted (per = \"texel\"), so none can be even")),
             }
         }
-        Regulariser::Prior { of, value, .. } => {
-            let groups = parameters.groups_of(*of);
-            let unknowns: Vec<usize> = groups.iter().cloned().flatten().collect();
-            if unknowns.is_empty() {
+        Regulariser::Prior { of, names, value, .. } => {
+            let mut groups = parameters.groups_of(*of);
+            if groups.is_empty() {
                 return Err(missing(*of));
             }
-            let values: Vec<f64> = match value {
-                None => unknowns.iter().map(|&i| parameters.start()[i]).collect(),
-                Some(value) => parameters.unknowns_for(*of, *value).ok_or_else(|| {
+            if let Some(names) = names {
+                let known = || groups.iter().map(|(name, _)| *name);
+                if let Some(name) = names.iter().find(|name| known().all(|known| known != name.as_str())) {
+                    let none = format!("no {} is fitted of", of.word());
+                    return Err(unknown_of(&none, name, "but of", known()));
+                }
+                groups.retain(|(name, _)| names.iter().any(|wanted| wanted == name));
+            }
+            let mut near = parameters.start().to_vec();
+            if let Some(value) = value {
+                let values = parameters.unknowns_for(*of, *value).ok_or_else(|| {
                     format!("the prior of a {} is where it starts: leave `value` out", of.word())
-                })?,
-            };
-            let weights = groups.iter().flat_map(|group| {
-                let weight = weight / (groups.len() * group.len()) as f64;
-                group.clone().map(move |_| weight)
+                })?;
+                parameters.unknowns_of(*of).into_iter().zip(values).for_each(|(i, value)| near[i] = value);
+            }
+            let count = groups.len();
+            let unknowns = groups.into_iter().flat_map(|(_, group)| {
+                let weight = weight / (count * group.len()) as f64;
+                group.map(move |i| (i, weight))
             });
-            let unknowns = unknowns.into_iter().zip(values).zip(weights);
-            Ok(Term::Prior { unknowns: unknowns.map(|((i, value), weight)| (i, value, weight)).collect() })
+            Ok(Term::Prior { unknowns: unknowns.map(|(i, weight)| (i, near[i], weight)).collect() })
         }
     }
 }

@@ -164,7 +164,7 @@ pub(super) fn unknown<'a>(what: &str, name: &str, known: impl Iterator<Item = &'
 }
 
 /// The message for a name that none of those known is.
-fn unknown_of<'a>(
+pub(super) fn unknown_of<'a>(
     there_is_no: &str,
     name: &str,
     there_are: &str,

@@ -170,6 +170,47 @@ impl Target {
         value >= expected && self.is_bound(pixel, expected)
     }
 
+    /// This target with means over blocks of `factor` x `factor` pixels, weighted by the mask. A mean is a lower bound if a pixel of its block
+    /// is one. Rows and columns are a multiple of the factor.
+    pub(super) fn averaged(&self, factor: u32) -> Self {
+        if factor == 1 {
+            return self.clone();
+        }
+        let width = self.camera.width as usize;
+        let camera = Camera {
+            width: self.camera.width / factor,
+            height: self.camera.height / factor,
+            ..self.camera.clone()
+        };
+        let factor = factor as usize;
+        let block = |index: usize| {
+            let (row, column) = (index / camera.width as usize, index % camera.width as usize);
+            let pixel = move |k: usize| (row * factor + k / factor) * width + column * factor + k % factor;
+            (0..factor * factor).map(pixel).filter(|&at| self.mask_at(at) > 0.0)
+        };
+        let weight = |index: usize| block(index).map(|at| self.mask_at(at)).sum::<f64>();
+        let mean = |index: usize| {
+            let sum: DVec3 = block(index).map(|at| self.mask_at(at) * self.pixels[at]).sum();
+            if weight(index) > 0.0 { sum / weight(index) } else { DVec3::ZERO }
+        };
+        let has_bound = |index: usize| {
+            block(index)
+                .any(|at| self.pixels[at].to_array().into_iter().any(|value| self.is_bound(at, value)))
+        };
+        let pixels = camera.width as usize * camera.height as usize;
+        let of_block = (factor * factor) as f64;
+        Self {
+            pixels: (0..pixels).map(mean).collect(),
+            mask: self.mask.as_ref().map(|_| (0..pixels).map(|index| weight(index) / of_block).collect()),
+            bounds: self.clip.map(|_| (0..pixels).map(has_bound).collect()),
+            camera,
+            weight: self.weight,
+            clip: self.clip,
+            exposure: self.exposure,
+            exposure_guess: self.exposure_guess,
+        }
+    }
+
     /// Weight of a pixel, from the mask.
     pub fn mask_at(&self, pixel: usize) -> f64 {
         self.mask.as_ref().map_or(1.0, |mask| mask[pixel])
@@ -307,6 +348,21 @@ mod tests {
         }
         let mask = read_mask(&path, &camera(16, 16)).expect("a mask");
         assert!(mask.iter().all(|m| (0.0..=1.0).contains(m)) && mask[200] > mask[3]);
+    }
+
+    #[test]
+    fn means_over_blocks_of_pixels() {
+        let grey = |value: f64| DVec3::splat(value);
+        let pixels = [1.0, 2.0, 3.0, f64::NAN, 5.0, 6.0, 7.0, 9.0].map(grey).to_vec();
+        let mask = vec![1.0, 1.0, 1.0, 0.0, 0.5, 0.5, 1.0, 0.0];
+        let target = Target::new(camera(4, 2), pixels, Some(mask), 2.0).expect("a target").clipped_from(6.0);
+        let small = target.averaged(2);
+        assert_eq!((small.camera.width, small.camera.height, small.weight), (2, 1, 2.0));
+        assert_eq!(small.pixels, [grey((1.0 + 2.0 + 2.5 + 3.0) / 3.0), grey(5.0)]);
+        assert_eq!((small.mask, small.bounds), (Some(vec![0.75, 0.5]), Some(vec![true, true])));
+        let dark = target.clone().clipped_from(6.5).averaged(2);
+        assert_eq!(dark.bounds, Some(vec![false, true]));
+        assert_eq!(target.averaged(1).camera, target.camera);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::exposure::Exposure;
 use super::job::FitError;
 use super::job_file::positive;
-use super::photographs::Photographs;
+use super::photographs::{Photographs, USUAL_PIXELS};
 use super::selection::unknown;
 use super::target::{Target, TargetError, open_mask, radiance, unreadable, weights, wrong_size};
 use antirad_render::image::{Photo, PhotoMask};
@@ -24,6 +24,7 @@ pub(super) struct TargetTable {
     every: Option<Spanned<usize>>,
     frames: Option<Spanned<Vec<String>>>,
     scale: Option<Spanned<f64>>,
+    pixels: Option<Spanned<usize>>,
     transform: Option<Spanned<Vec<Vec<f64>>>>,
     layer: Option<String>,
     mask: Option<Spanned<PathBuf>>,
@@ -79,6 +80,12 @@ pub(super) struct Treatment {
 const CLIP: f64 = 0.99;
 
 impl Treatment {
+    /// That of photographs of which nothing is stated: phones choose exposure and white balance for each.
+    pub fn of_photographs() -> Self {
+        let exposures = [Exposure::GAIN_AND_WHITE_BALANCE, Exposure::default()];
+        Self { white: 1.0, clipped: None, weight: 1.0, exposures }
+    }
+
     /// A target from a picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored.
     pub fn target(
         &self,
@@ -149,8 +156,7 @@ fn exposures(file: &TomlFile, table: &TargetTable, line: usize) -> Result<[Expos
     let [exposure, white_balance] = [&table.exposure, &table.white_balance].map(|of| of.as_ref());
     if exposure.is_none() && white_balance.is_none() {
         let are_photographs = table.is_set() && table.white.is_none();
-        let of_bytes = if are_photographs { Exposure::GAIN_AND_WHITE_BALANCE } else { Exposure::default() };
-        return Ok([of_bytes, Exposure::default()]);
+        return Ok(if are_photographs { Treatment::of_photographs().exposures } else { Default::default() });
     }
     let is = |of: Option<&Spanned<Unknown>>, what: Unknown| of.is_some_and(|of| *of.get_ref() == what);
     let fitted = |of| is(of, Unknown::Fit) || is(of, Unknown::FitShared);
@@ -184,6 +190,7 @@ fn read_picture(
         ("every", table.every.as_ref().map(Spanned::span)),
         ("frames", table.frames.as_ref().map(Spanned::span)),
         ("scale", table.scale.as_ref().map(Spanned::span)),
+        ("pixels", table.pixels.as_ref().map(Spanned::span)),
         ("transform", table.transform.as_ref().map(Spanned::span)),
     ];
     if let Some((key, span)) = of_sets.into_iter().find_map(|(key, span)| Some((key, span?))) {
@@ -297,18 +304,42 @@ fn read_set(
             .map_err(|message| file.place(rows.span()).error(format!("transform: {message}")))?;
         set.frames.iter_mut().for_each(|frame| frame.transform(&to_scene));
     }
-    let shrink = match &table.scale {
-        Some(scale) => shrink(*scale.get_ref()).map_err(|message| file.place(scale.span()).error(message))?,
-        None => 1,
-    };
-    let photographs = Photographs {
-        set: &set,
-        folder: table.images.as_ref().map(|folder| file.beside(folder.get_ref())),
-        suffix: table.suffix.as_ref().map(|suffix| suffix.get_ref().as_str()),
+    let mut photographs = Photographs {
+        set,
+        images: table.images.as_ref().map(|folder| file.beside(folder.get_ref())),
+        suffix: table.suffix.as_ref().map(|suffix| suffix.get_ref().clone()),
         mask: table.mask.as_ref().map(|mask| file.beside(mask.get_ref())),
-        layer: table.layer.as_deref(),
-        shrink,
+        layer: table.layer.clone(),
+        shrink: 1,
         treatment: *treatment,
+    };
+    photographs.shrink = match (&table.scale, &table.pixels) {
+        (Some(scale), None) => {
+            shrink(*scale.get_ref()).map_err(|message| file.place(scale.span()).error(message))?
+        }
+        (Some(_), Some(pixels)) => {
+            return Err(file
+                .place(pixels.span())
+                .error("a target has either `scale` or `pixels`, not both")
+                .into());
+        }
+        (None, Some(pixels)) if *pixels.get_ref() == 0 => {
+            return Err(file.place(pixels.span()).error("pixels = 0; it must be 1 or more").into());
+        }
+        (None, pixels) => {
+            let most = pixels.as_ref().map_or(USUAL_PIXELS, |pixels| *pixels.get_ref());
+            let shrink = photographs.shrink_to(most);
+            if shrink > 1 && pixels.is_none() {
+                warnings.push(format!(
+                    "{}: {} photos are averaged down by {shrink} along both sides, to at most {} million pixels together; `scale` or \
+                     `pixels` states otherwise.",
+                    photographs.set.path.display(),
+                    photographs.set.frames.len(),
+                    USUAL_PIXELS / 1_000_000
+                ));
+            }
+            shrink
+        }
     };
     let read = photographs.read().map_err(|message| place.error(message))?;
     let clipped: Vec<usize> =
@@ -316,7 +347,7 @@ fn read_set(
     if !clipped.is_empty() {
         warnings.push(format!(
             "{}: {} clipped pixels in {} of {} pictures are ignored, as the true values may be brighter; clipped = \"use\" uses them.",
-            set.path.display(),
+            photographs.set.path.display(),
             clipped.iter().sum::<usize>(),
             clipped.len(),
             read.len()
@@ -487,6 +518,23 @@ mod tests {
         refused(folder.path(), &view(5), &["j.toml:5", "b.exr", "8 x 6", "5 x 3", "multiple"]);
     }
 
+    /// Two pictures of 48 pixels each.
+    #[test]
+    fn sets_are_averaged_down_to_a_number_of_pixels() {
+        let folder = folder();
+        std::fs::write(folder.path().join("t.json"), transforms("\"fl_x\": 8, \"w\": 8, \"h\": 6"))
+            .expect("written");
+        for (pixels, sides) in [(96, [8, 6]), (95, [4, 3]), (24, [4, 3])] {
+            let set = format!("cameras = \"t.json\"\nsuffix = \".exr\"\npixels = {pixels}");
+            let file = load(folder.path(), &set).expect("a job");
+            let cameras = file.job.problem().targets.iter().map(|target| &target.camera);
+            assert!(
+                cameras.map(|camera| [camera.width, camera.height]).all(|size| size == sides),
+                "{pixels}"
+            );
+        }
+    }
+
     #[test]
     fn what_is_wrong_with_a_set() {
         let folder = folder();
@@ -503,6 +551,9 @@ mod tests {
         refused(at, &with("frames = []"), &["j.toml:6", "empty"]);
         refused(at, &with("scale = 0.7"), &["j.toml:6", "1 over a whole number"]);
         refused(at, &with("scale = 0"), &["j.toml:6", "1 over a whole number"]);
+        refused(at, &with("pixels = 0"), &["j.toml:6", "pixels = 0"]);
+        refused(at, &with("scale = 0.5\npixels = 9"), &["j.toml:7", "not both"]);
+        refused(at, "picture = \"a.exr\"\npixels = 9", &["j.toml:6", "`pixels` is for sets"]);
         refused(
             at,
             &with("transform = [[1, 0, 0, 0], [0, 2, 0, 0], [0, 0, 1, 0]]"),

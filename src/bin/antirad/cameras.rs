@@ -1,8 +1,8 @@
 //! Choice of cameras: those of a scene by name, or the frames of a set.
 
 use crate::Failure;
-use antirad::image::Photo;
-use antirad::scene::{Camera, CameraSet, Frame, Scene};
+use antirad::fit::Photographs;
+use antirad::scene::{Camera, CameraSet, Scene};
 use std::path::Path;
 
 /// The cameras with these names; without names, all of the scene.
@@ -13,24 +13,11 @@ pub fn choose<'a>(scene: &'a Scene, names: &[String]) -> Result<Vec<&'a Camera>,
 /// The frames with these names, all without names, of a `transforms.json` or a COLMAP folder, as centred pinholes with the horizontal
 /// field of view of their lenses.
 pub fn of_set(path: &Path, names: &[String]) -> Result<Vec<Camera>, Failure> {
-    let set = CameraSet::read(path)?;
+    let photographs = Photographs::new(CameraSet::read(path)?);
+    let set = &photographs.set;
     let missing = format!("{} has no frame", set.path.display());
     let frames = by_name(set.frames.iter().collect(), |frame| &frame.name, names, &missing)?;
-    frames.into_iter().map(|frame| of_frame(&set, frame)).collect()
-}
-
-fn of_frame(set: &CameraSet, frame: &Frame) -> Result<Camera, Failure> {
-    let size = match frame.intrinsics.size() {
-        Some(size) => size,
-        // That of the picture.
-        None => Photo::size(&set.picture(frame, None, None)?).map_err(|error| {
-            set.error(frame, format!("the set has no w and h, so they are those of its picture: {error}"))
-        })?,
-    };
-    let lens = frame.intrinsics.lens(size).map_err(|message| set.error(frame, message))?;
-    let camera = frame.camera(&lens, lens.width, lens.height);
-    camera.check().map_err(|error| set.error(frame, error))?;
-    Ok(camera)
+    Ok(frames.into_iter().map(|frame| photographs.camera_of(frame)).collect::<Result<_, _>>()?)
 }
 
 /// Those with the names, in the order of the names; all without.

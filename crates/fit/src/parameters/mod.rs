@@ -466,13 +466,14 @@ impl Parameters {
 
     /// Unknowns of a quantity, for regularisers.
     pub fn unknowns_of(&self, quantity: Quantity) -> Vec<usize> {
-        self.groups_of(quantity).into_iter().flatten().collect()
+        self.groups_of(quantity).into_iter().flat_map(|(_, unknowns)| unknowns).collect()
     }
 
-    /// The same, by group: the channels of a colour, the texels of a texture, the coordinates of a motion.
-    pub fn groups_of(&self, quantity: Quantity) -> Vec<Range<usize>> {
+    /// Unknowns of a quantity by group, with the name of the material, mesh, triangle or camera that they are of: the channels of a colour, the
+    /// texels of a texture, the coordinates of a motion.
+    pub fn groups_of(&self, quantity: Quantity) -> Vec<(&str, Range<usize>)> {
         let blocks = self.blocks.iter().filter(|block| self.fits[block.fit].quantity == quantity);
-        blocks.map(ParameterBlock::range).collect()
+        blocks.map(|block| (block.name.as_str(), block.range())).collect()
     }
 
     /// Groups of unknowns whose derivatives one change of the scene shows: the channels of a colour, which do not mix in any

@@ -53,8 +53,13 @@ impl Parameters {
         self.blocks.iter().filter_map(of).collect()
     }
 
-    /// These parameters with one albedo for each texture, starting at a point; and per unknown, the one of them that it follows.
-    pub(in super::super) fn without_textures(&self, x: &[f64]) -> Result<(Self, Vec<u32>), ParameterError> {
+    /// These parameters with one albedo for each texture, starting at a point, and with pictures of other sizes; and per unknown, the one of
+    /// them that it follows.
+    pub(in super::super) fn without_textures(
+        &self,
+        x: &[f64],
+        sizes: &[[u32; 2]],
+    ) -> Result<(Self, Vec<u32>), ParameterError> {
         let fit = |fit: &super::Fit| match fit.per {
             Per::Texel => fit.clone().per(Per::Mesh).resolution(None),
             _ => fit.clone(),
@@ -68,7 +73,11 @@ impl Parameters {
                 at_rest[block.range()].fill(0.0);
             }
         }
-        let mut coarse = Self::new(&self.scene(&at_rest), &fits, self.scale(Quantity::Emission))?;
+        let mut base = self.scene(&at_rest);
+        for (camera, size) in base.cameras.iter_mut().zip(sizes) {
+            [camera.width, camera.height] = *size;
+        }
+        let mut coarse = Self::new(&base, &fits, self.scale(Quantity::Emission))?;
         let mut of = vec![0; self.len()];
         for (fine, block) in self.blocks.iter().zip(&coarse.blocks) {
             for (of, unknown) in of[fine.range()].iter_mut().zip(block.range().cycle()) {

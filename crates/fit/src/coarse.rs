@@ -1,0 +1,146 @@
+//! The stage of a fit of textures before its texels: one albedo for each texture, small pictures, and which candidates for lamps shine.
+
+use super::job::{FitError, FitProgress, Job, Record, advance, before_the_first};
+use super::optimiser::{CoarseHessian, Optimiser, StepError};
+use super::problem::Problem;
+use super::regulariser::{Regulariser, Regularisers};
+use super::renderer::Renderer;
+use super::settings::StopRule;
+use super::target::Target;
+use rayon::prelude::*;
+use std::ops::{ControlFlow, Range};
+use std::sync::Arc;
+
+/// Pictures of a Gauss-Newton Hessian, and when the stage ends.
+const PICTURES: usize = 40;
+const ITERATIONS: u32 = 12;
+const DECREASE: f64 = 1e-2;
+/// Share of the loss that a candidate for a lamp must explain.
+const DARK: f64 = 1e-2;
+/// Pixels of all views together above which pictures are averaged down: albedos of whole meshes and lamps need no more.
+const PIXELS: usize = 250_000;
+
+/// Sides of a picture below which it is not averaged down, pixels.
+const SIDE: u32 = 32;
+
+impl Job {
+    /// Where a fit of textures starts, and the Hessian there: with one albedo for each, and everything else, fitted before. Texels of a mesh
+    /// and its lamps act on pictures together, which an optimiser of many unknowns learns slowly.
+    pub(super) fn coarse_start(
+        &mut self,
+        x: &[f64],
+        renderer: &mut dyn Renderer,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<(Vec<f64>, Option<CoarseHessian>), FitError> {
+        tracing::info!("first with one albedo for each texture");
+        let (coarse, of) = self.problem.coarse(x, &self.settings.regularisers)?;
+        let fine = std::mem::replace(&mut self.problem, coarse);
+        let settings = self.settings.clone().gauss_newton(self.settings.gauss_newton.max(PICTURES));
+        let settings = std::mem::replace(&mut self.settings, settings);
+        let found = self.coarse(renderer, watch);
+        (self.problem, self.settings) = (fine, settings);
+        let (optimiser, dark) = found?;
+        dark.into_iter().for_each(|block| self.problem.parameters.hold_at_zero(block));
+        let x = of.iter().map(|&z| optimiser.best()[z as usize]).collect();
+        let hessian = match optimiser {
+            Optimiser::QuasiNewton(optimiser) => optimiser.hessian(),
+            Optimiser::Adam(_) | Optimiser::LeastSquares(_) => None,
+        };
+        Ok((x, hessian.map(|hessian| CoarseHessian { of, hessian })))
+    }
+
+    /// The optimiser after a few steps, and the blocks of candidates for lamps that are dark: without which the pictures are explained as well.
+    fn coarse(
+        &self,
+        renderer: &mut dyn Renderer,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<(Optimiser, Vec<usize>), FitError> {
+        let mut best = self.few_steps(self.new_optimiser(), renderer, watch)?;
+        if let Optimiser::QuasiNewton(optimiser) = &mut best.optimiser {
+            // That of earlier steps is no longer that of this point.
+            let hessian = self.problem.gauss_newton(optimiser.x(), renderer).map_err(before_the_first)?;
+            hessian.iter().for_each(|hessian| optimiser.set_hessian(hessian));
+        }
+        let mut candidates = self.problem.parameters.candidates();
+        let mut dark = Vec::new();
+        while let Optimiser::QuasiNewton(optimiser) = &best.optimiser {
+            let loss = best.loss();
+            let without = |(at, (_, name, unknowns)): (usize, &(usize, &str, Range<usize>))| {
+                let (increase, trial) = optimiser.without(unknowns.clone())?;
+                tracing::info!(
+                    "without light of {name} the loss is expected {:.2} % higher",
+                    100.0 * increase / loss
+                );
+                (increase <= DARK * loss).then_some((at, increase, trial))
+            };
+            let trials = candidates.iter().enumerate().filter_map(without);
+            let Some((at, _, trial)) = trials.min_by(|(_, a, _), (_, b, _)| a.total_cmp(b)) else { break };
+            let trial = self.few_steps(Optimiser::QuasiNewton(trial), renderer, watch)?;
+            let (block, name, _) = candidates.remove(at);
+            if trial.loss() <= (1.0 + DARK) * loss {
+                tracing::info!("{name} does not shine: pictures are explained as well without its light");
+                dark.push(block);
+                best = trial;
+            }
+        }
+        Ok((best.optimiser, dark))
+    }
+
+    /// The progress of an optimiser until steps become small.
+    fn few_steps(
+        &self,
+        optimiser: Optimiser,
+        renderer: &mut dyn Renderer,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<FitProgress, FitError> {
+        let rule = StopRule::default().iterations(ITERATIONS).relative_decrease(DECREASE);
+        let mut progress = FitProgress::new(optimiser);
+        while progress.stop(&rule).is_none() {
+            let record = advance(&self.problem, &self.settings, None, &mut progress, renderer);
+            let record = record.map_err(|error| match error {
+                StepError::Objective(error) => before_the_first(error),
+                error => FitError::Optimiser(error.to_string()),
+            })?;
+            let Some(record) = record else { break };
+            if watch(&record, &progress).is_break() {
+                return Err(FitError::Interrupted { iteration: 0 });
+            }
+        }
+        Ok(progress)
+    }
+}
+
+impl Problem {
+    /// The objective with one albedo for each texture, of smaller pictures, starting at a point; and per unknown, the one of it that it
+    /// follows.
+    fn coarse(&self, x: &[f64], regularisers: &[Regulariser]) -> Result<(Self, Vec<u32>), FitError> {
+        let smaller = averaged_down(&self.targets);
+        let (targets, loss) = match self.loss.of_targets(&smaller) {
+            Some(loss) => (smaller, Arc::from(loss)),
+            None => (self.targets.clone(), self.loss.clone()),
+        };
+        let sizes: Vec<[u32; 2]> = targets.iter().map(|t| [t.camera.width, t.camera.height]).collect();
+        let (parameters, of) = self.parameters.without_textures(x, &sizes)?;
+        let regularisers = Regularisers::applicable(regularisers, &parameters);
+        Ok((Self { parameters, targets, loss, regularisers }, of))
+    }
+}
+
+/// Targets that are averaged down by whole factors to about [`PIXELS`] together, as far as the sizes of their pictures have such factors.
+fn averaged_down(targets: &[Target]) -> Vec<Target> {
+    let pixels: usize = targets.iter().map(|target| target.pixels.len()).sum();
+    let wanted = (pixels as f64 / PIXELS as f64).sqrt().round().max(1.0) as u32;
+    targets
+        .par_iter()
+        .map(|target| {
+            let sides = [target.camera.width, target.camera.height];
+            let suits = |factor: &u32| {
+                sides
+                    .iter()
+                    .all(|side| side.is_multiple_of(*factor) && (*factor == 1 || side / factor >= SIDE))
+            };
+            let factor = (1..=wanted).rev().find(suits).unwrap_or(1);
+            target.averaged(factor)
+        })
+        .collect()
+}
