@@ -215,7 +215,8 @@ impl FitResult {
         from_json(py, &self.inner.recovered)
     }
 
-    /// One dictionary per iteration, the start first: `iteration`, `loss`, `gradient`, `step`, `evaluations`, `passes`.
+    /// One dictionary per iteration, the start first: `iteration`, `loss`, `gradient`, `step`, `evaluations`, `passes`, and
+    /// `first_stage`: whether `progress` is told of the stage before the texels of textures.
     #[getter]
     fn history<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
         self.inner.history.iter().map(|record| record_dict(py, record)).collect()

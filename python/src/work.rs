@@ -43,7 +43,7 @@ impl Report {
 
 /// An iteration of a fit as a dictionary.
 pub fn record_dict<'py>(py: Python<'py>, record: &Record) -> PyResult<Bound<'py, PyDict>> {
-    let Record { iteration, loss, gradient, step, evaluations, passes } = *record;
+    let Record { iteration, loss, gradient, step, evaluations, passes, first_stage } = *record;
     let dict = PyDict::new(py);
     dict.set_item("iteration", iteration)?;
     dict.set_item("loss", loss)?;
@@ -51,6 +51,7 @@ pub fn record_dict<'py>(py: Python<'py>, record: &Record) -> PyResult<Bound<'py,
     dict.set_item("step", step)?;
     dict.set_item("evaluations", evaluations)?;
     dict.set_item("passes", passes)?;
+    dict.set_item("first_stage", first_stage)?;
     Ok(dict)
 }
 

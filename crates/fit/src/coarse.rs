@@ -102,7 +102,7 @@ impl Job {
                 error => FitError::Optimiser(error.to_string()),
             })?;
             let Some(record) = record else { break };
-            if watch(&record, &progress).is_break() {
+            if watch(&Record { first_stage: true, ..record }, &progress).is_break() {
                 return Err(FitError::Interrupted { iteration: 0 });
             }
         }

@@ -160,12 +160,15 @@ pub struct Record {
     pub evaluations: u32,
     /// Passes (applications of U).
     pub passes: u64,
+    /// Whether it is of the stage before the texels of textures, which has an iteration 0 for each of its starts and is in no history.
+    #[serde(skip)]
+    pub first_stage: bool,
 }
 
 impl Record {
     fn of(iteration: u32, step: &Step, passes: u64) -> Self {
         let Step { value: loss, gradient, length: step, evaluations, .. } = *step;
-        Self { iteration, loss, gradient, step, evaluations, passes }
+        Self { iteration, loss, gradient, step, evaluations, passes, first_stage: false }
     }
 }
 

@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     fn record(iteration: u32, loss: f64) -> Record {
-        Record { iteration, loss, gradient: 1.0, step: 0.1, evaluations: 1, passes: 4 }
+        Record { iteration, loss, gradient: 1.0, step: 0.1, evaluations: 1, passes: 4, first_stage: false }
     }
 
     #[test]

@@ -32,6 +32,7 @@ struct AtWork {
     iteration: u32,
     most: u32,
     loss: Option<f64>,
+    first_stage: bool,
 }
 
 /// Steps of the bar for each job.
@@ -95,7 +96,7 @@ impl Log {
         }));
         if !self.json && !self.quiet {
             self.line(&format!(
-                "{}: {unknowns} unknowns ({}), {views} view{}; about {seconds:.1} s per iteration, {} of {} \
+                "{}: {unknowns} unknowns ({}), {views} view{}; solves of about {seconds:.1} s per iteration, {} of {} \
                  of memory; backend {:?}",
                 job.name,
                 quantities(file),
@@ -109,7 +110,9 @@ impl Log {
 
     /// For the iterations of a job, at most `most`.
     pub fn job(&self, name: &str, most: u32) -> JobLog<'_> {
-        self.state().at_work.insert(name.to_owned(), AtWork { iteration: 0, most, loss: None });
+        self.state()
+            .at_work
+            .insert(name.to_owned(), AtWork { iteration: 0, most, loss: None, first_stage: false });
         self.show();
         JobLog { log: self, name: name.to_owned(), since: Instant::now() }
     }
@@ -169,9 +172,13 @@ impl State {
         if jobs > 1 {
             parts.push(format!("{} of {jobs} jobs", self.ended));
         }
-        for (name, AtWork { iteration, most, loss }) in &self.at_work {
-            position += STEPS * u64::from(*iteration) / u64::from(*most).max(1);
+        for (name, AtWork { iteration, most, loss, first_stage }) in &self.at_work {
             let loss = loss.map_or_else(String::new, |loss| format!(", loss {loss:.3e}"));
+            if *first_stage {
+                parts.push(format!("{name} first stage{loss}"));
+                continue;
+            }
+            position += STEPS * u64::from(*iteration) / u64::from(*most).max(1);
             parts.push(format!("{name} iteration {iteration} of {most}{loss}"));
         }
         (position.min(STEPS * jobs as u64), parts.join("; "))
@@ -187,11 +194,13 @@ pub struct JobLog<'a> {
 impl JobLog<'_> {
     pub fn iteration(&self, record: &Record) {
         let seconds = self.since.elapsed().as_secs_f64();
-        let Record { iteration, loss, gradient, step, .. } = *record;
+        let Record { iteration, loss, gradient, step, first_stage, .. } = *record;
+        let stage = if first_stage { " first stage," } else { "" };
         self.log.event(json!({
             "event": "iteration",
             "job": self.name,
             "iteration": iteration,
+            "first_stage": first_stage,
             "loss": loss,
             "gradient": gradient,
             "step": step,
@@ -204,12 +213,12 @@ impl JobLog<'_> {
         }
         if !self.log.terminal || self.log.verbose {
             self.log.line(&format!(
-                "{} iteration {iteration}: loss {loss:.6e}, gradient {gradient:.2e}, step {step:.2e}, {seconds:.1} s",
+                "{}{stage} iteration {iteration}: loss {loss:.6e}, gradient {gradient:.2e}, step {step:.2e}, {seconds:.1} s",
                 self.name
             ));
         }
         if let Some(job) = self.log.state().at_work.get_mut(&self.name) {
-            (job.iteration, job.loss) = (iteration, Some(loss));
+            (job.iteration, job.loss, job.first_stage) = (iteration, Some(loss), first_stage);
         }
         self.log.show();
     }
@@ -230,12 +239,22 @@ mod tests {
     #[test]
     fn one_bar_shows_all_jobs() {
         let mut state = State { ended: 3, ..State::default() };
-        state.at_work.insert(String::from("b"), AtWork { iteration: 5, most: 20, loss: Some(0.5) });
-        state.at_work.insert(String::from("a"), AtWork { iteration: 0, most: 20, loss: None });
+        state.at_work.insert(
+            String::from("b"),
+            AtWork { iteration: 5, most: 20, loss: Some(0.5), first_stage: false },
+        );
+        state
+            .at_work
+            .insert(String::from("a"), AtWork { iteration: 0, most: 20, loss: None, first_stage: false });
         let (position, message) = state.summary(8);
         assert_eq!(position, 3250);
         assert_eq!(message, "3 of 8 jobs; a iteration 0 of 20; b iteration 5 of 20, loss 5.000e-1");
         let (_, message) = State { ended: 0, ..state }.summary(1);
         assert!(message.starts_with("a iteration 0"), "{message}");
+        let mut state = State::default();
+        state
+            .at_work
+            .insert(String::from("a"), AtWork { iteration: 3, most: 20, loss: Some(0.5), first_stage: true });
+        assert_eq!(state.summary(1), (0, String::from("a first stage, loss 5.000e-1")));
     }
 }
