@@ -21,17 +21,18 @@ arguments.add_argument("--output", type=Path, default=Path("out/python"))
 arguments = arguments.parse_args()
 
 torch.manual_seed(1)
-side, steps = (32, 40) if arguments.quick else (96, 200)
+side, steps = (32, 40) if arguments.quick else (96, 150)
 room = antirad.Scene.load(SCENES / "closed_box.toml").with_settings(bins="6x9", tolerance=1e-4)
 front = room.camera().replace(width=side, height=side)
 back = front.replace(position=(0.5, 0.5, 0.97), target=(0.5, 0.5, 0), name="back")
 room = room.replace(cameras=[front, back]).per_triangle()
 
-place = torch.tensor(room.vertices[room.triangles]).mean(dim=1).float()
+# Centroids, scaled to about -1 to 1.
+place = 2 * torch.tensor(room.vertices[room.triangles]).mean(dim=1).float() - 1
 # By area, of what is no lamp.
 weight = torch.tensor(room.areas * (room.emission.max(axis=1) == 0)).float()
 # What is to be found: walls whose colour changes along them.
-wave = torch.sin(5 * place @ torch.tensor([[1.0, 0.4, 0], [0, 1, 0.7], [0.5, 0, 1]]))
+wave = torch.sin(2 * place @ torch.tensor([[1.0, 0.4, 0], [0, 1, 0.7], [0.5, 0, 1]]))
 truth = 0.45 + 0.25 * wave
 with torch.no_grad():
     targets = antirad.torch.render(room, albedo=truth)
@@ -39,7 +40,7 @@ with torch.no_grad():
 network = torch.nn.Sequential(
     torch.nn.Linear(3, 32), torch.nn.Tanh(), torch.nn.Linear(32, 32), torch.nn.Tanh(), torch.nn.Linear(32, 3)
 )
-optimiser = torch.optim.Adam(network.parameters(), lr=0.02)
+optimiser = torch.optim.Adam(network.parameters(), lr=0.03)
 
 
 def off(albedo):
