@@ -8,7 +8,7 @@ use antirad_core::{Engine, EngineError, Solution, SolveParams};
 use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer};
 use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
 use antirad_render::shading::{Reflections, Shading};
-use antirad_scene::{Painting, Scene, Transport};
+use antirad_scene::{Painting, Scene, Transport, VisibilityChoice};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -56,6 +56,8 @@ pub struct EngineRenderer {
     latest: Option<Latest>,
     /// Light with other vertices, to start from.
     start: Option<Solution>,
+    /// Whether a scene has had pictures, by whose visibility it stays.
+    answered: bool,
 }
 
 /// What pictures show.
@@ -120,6 +122,7 @@ impl EngineRenderer {
             coverage: Vec::new(),
             latest: None,
             start: None,
+            answered: false,
         })
     }
 
@@ -220,6 +223,14 @@ impl EngineRenderer {
         let views = scene.cameras.iter().enumerate().map(look);
         self.coverage = views.collect::<Result<_, _>>().map_err(failed)?;
         Ok(())
+    }
+
+    /// Whether visibility may become explicit where the first scene has no solution. It stays from then on, so that all pictures of a fit are
+    /// made alike.
+    fn may_become_explicit(&self) -> bool {
+        let automatic = self.planning.settings.visibility == VisibilityChoice::Auto;
+        let is_implicit = self.engine.as_ref().is_some_and(|engine| !engine.plan().transport().is_explicit());
+        automatic && is_implicit && !self.answered && !self.independent && !self.request.positions
     }
 
     /// Frees the memory of the engine before that of the next one is allocated, but for the light to start from, where there is room for
@@ -384,7 +395,17 @@ impl Renderer for EngineRenderer {
             return Ok(pictures);
         }
         let params = SolveParams::from(&scene.settings);
-        let latest = self.render(scene, params, Subject::Scene, self.request)?;
+        let latest = match self.render(scene, params, Subject::Scene, self.request) {
+            Err(RenderError::NoAnswer(reason)) if self.may_become_explicit() => {
+                tracing::warn!("{reason}");
+                tracing::warn!("antiradiance creates light among these blockers: the fit has explicit visibility");
+                self.planning.settings.visibility = VisibilityChoice::Explicit;
+                self.retire();
+                self.render(scene, params, Subject::Scene, self.request)?
+            }
+            latest => latest?,
+        };
+        self.answered = true;
         Ok(self.latest.insert(latest).pictures.clone())
     }
 

@@ -482,6 +482,14 @@ impl Job {
                 checkpoints.clear()?;
             }
         }
+        if resumed_from.is_some() {
+            // What the renderer chooses for the first scene, it chooses as in the first run.
+            let start = self.problem.parameters.start();
+            match renderer.pictures(&self.problem.parameters.scene(start)) {
+                Err(RenderError::Interrupted) => return Err(before_the_first(RenderError::Interrupted)),
+                Ok(_) | Err(_) => renderer.forget(),
+            }
+        }
         if resumed_from.is_none() && self.settings.scale_emission {
             let start = self.problem.parameters.start();
             let x = self.problem.scaled_emission(start, renderer).map_err(before_the_first)?;
