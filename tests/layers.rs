@@ -64,6 +64,7 @@ const LAYERS: [(&str, &[&str]); 29] = [
         &[
             "backend",
             "engine",
+            "export",
             "gpu",
             "gradients",
             "image",

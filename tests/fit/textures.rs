@@ -2,13 +2,16 @@
 
 use super::scenes::watch;
 use crate::support::{backend, finish};
+use antirad::backend::Backend;
+use antirad::export::{Format, export};
 use antirad::fit::{
-    EngineRenderer, Exposure, Fit, Job, LossKind, Per, Regulariser, Renderer, RunOptions, Settings, StopRule,
-    Target,
+    EngineRenderer, Exposure, Fit, Job, JobFile, LossKind, Per, Regulariser, Renderer, RunOptions, Settings,
+    StopRule, Target,
 };
+use antirad::image::Picture;
 use antirad::render::Quantity;
-use antirad::scene::{Camera, LoadOptions, Scene};
-use glam::DVec3;
+use antirad::scene::{BinLayout, Camera, LoadOptions, Material, Orient, Scene, SceneBuilder, Shape};
+use glam::{DAffine3, DVec3};
 use std::fmt::Write;
 use std::ops::ControlFlow;
 
@@ -183,11 +186,135 @@ fn textures_lamps_and_exposures_are_found() {
     }
 }
 
+/// A job of a scene with such settings, and its renderer.
+fn ready(backend: &Backend, scene: Scene, targets: Vec<Target>, settings: Settings) -> (Job, EngineRenderer) {
+    let job = Job::new("job", scene, targets, settings).expect("a job");
+    let parameters = &job.problem().parameters;
+    let (planning, request) = (parameters.planning_scene(), parameters.gradient_request());
+    let renderer = EngineRenderer::new(backend, planning, job.settings().supersample, request, watch());
+    let renderer = renderer.expect("a renderer").paintings(parameters.paintings());
+    (job, renderer)
+}
+
+fn pictures(backend: &Backend, scene: &Scene, supersample: u32) -> Vec<Vec<DVec3>> {
+    let renderer = EngineRenderer::new(backend, scene.clone(), supersample, Default::default(), watch());
+    renderer.expect("a renderer").pictures(scene).expect("pictures")
+}
+
+/// A box of two tones on a floor, under a lamp; none has texture coordinates.
+fn two_tones(tones: [f64; 2]) -> Scene {
+    let mut builder = SceneBuilder::new();
+    let grey = |name: &str, albedo: f64| Material { albedo: [albedo; 3], ..Material::named(name) };
+    let place = |at: [f64; 3], size: f64| {
+        DAffine3::from_translation(at.into()) * DAffine3::from_scale(DVec3::splat(size))
+    };
+    builder.shape("box", Shape::Box { cells: 2 }, &grey("dark", tones[0]), place([0.0; 3], 1.0));
+    builder.shape("floor", Shape::Quad { cells: 2 }, &grey("floor", 0.5), place([-1.0, 0.0, -1.0], 3.0));
+    let lamp = Material { emission: [20.0; 3], ..grey("lamp", 0.0) };
+    let down = DAffine3::from_rotation_x(std::f64::consts::PI);
+    builder.shape("lamp", Shape::Quad { cells: 1 }, &lamp, place([1.2, 2.5, 2.2], 1.0) * down);
+    let mut scene = builder.finish("box").expect("a scene");
+    let light = scene.materials.len() as u32;
+    scene.materials.push(grey("light", tones[1]));
+    for t in scene.meshes[0].range.clone() {
+        let [a, b, c] = scene.corners(t as usize);
+        let cell = ((a + b + c) / 1.5).floor();
+        if (cell.x + cell.y + cell.z) as i64 % 2 == 0 {
+            scene.triangles[t as usize].material = light;
+        }
+    }
+    scene.settings.bins = BinLayout::Concentric { n: 4 };
+    let camera = |name: &str, position: [f64; 3]| Camera {
+        name: name.into(),
+        position: position.into(),
+        target: DVec3::splat(0.5),
+        up: DVec3::Y,
+        fov_x_degrees: 40.0,
+        width: 48,
+        height: 40,
+    };
+    scene.cameras = vec![camera("left", [1.5, 2.0, 3.0]), camera("right", [3.0, 2.0, 1.5])];
+    scene
+}
+
+/// The squares of a box that has no texture coordinates, and the pictures of what is written.
 #[test]
-fn a_texture_needs_texture_coordinates() {
-    let fits = vec![Fit::new(Quantity::Albedo).per(Per::Texel)];
+fn a_pattern_is_found_on_a_mesh_without_texture_coordinates() {
+    let backend = backend();
+    let truth = two_tones([0.2, 0.7]);
+    let box_alone = Some(vec![String::from("box")]);
+    let fit = Fit::new(Quantity::Albedo).per(Per::Texel).resolution(Some(32)).meshes(box_alone);
+    let even = Regulariser::TotalVariation { weight: 1e-3 };
+    let settings =
+        Settings::new(vec![fit]).loss(LossKind::Huber).tolerance(Some(1e-5)).regularisers(vec![even]);
+    let seen = pictures(&backend, &truth, settings.supersample);
+    let target = |(camera, pixels)| Target::new(camera, pixels, None, 1.0).expect("a target");
+    let targets: Vec<Target> = truth.cameras.iter().cloned().zip(seen).map(target).collect();
+    let (mut job, mut renderer) = ready(&backend, two_tones([0.5; 2]), targets, settings);
+    let stop = StopRule::default().iterations(60);
+    let outcome = job
+        .run(&mut renderer, &RunOptions::default().stop(stop), &mut |_, _| ControlFlow::Continue(()))
+        .expect("an outcome");
+    drop(renderer);
+    // The sides that both cameras see: x = 1, y = 1, z = 1.
+    let is_seen = |t: &usize| truth.area_vector(*t).dot(DVec3::ONE) > 0.0;
+    let of_box = truth.meshes[0].range.clone().map(|t| t as usize).filter(is_seen);
+    let off = |t: usize| outcome.scene.material(t).albedo[1] - truth.material(t).albedo[1];
+    let squares: Vec<f64> = of_box.map(|t| off(t).powi(2)).collect();
+    let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+    assert!(squares.len() == 24 && rms <= 0.04, "{rms}");
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    outcome.scene.save(&path("s.toml")).expect("written");
+    export(&outcome.scene, Format::Gltf, &path("s.glb"), None).expect("written");
+    for name in ["s.toml", "s.glb"] {
+        let read = Scene::load(&path(name), &LoadOptions::default().orient(Orient::Keep)).expect("read");
+        let read = Scene {
+            cameras: outcome.scene.cameras.clone(),
+            settings: outcome.scene.settings.clone(),
+            ..read
+        };
+        for (before, after) in
+            outcome.pictures.iter().zip(pictures(&backend, &read, job.settings().supersample))
+        {
+            let brightest = before.iter().fold(0.0, |most: f64, pixel| most.max(pixel.max_element()));
+            for (a, b) in before.iter().zip(after) {
+                assert!((*a - b).abs().max_element() <= 2e-3 * brightest, "{name}: {a} {b}");
+            }
+        }
+    }
+    finish(&backend);
+}
+
+#[test]
+fn a_texture_needs_room_for_its_charts() {
+    let fits = vec![Fit::new(Quantity::Albedo).per(Per::Texel).resolution(Some(1))];
     let target = Target::new(cameras()[0].clone(), vec![DVec3::ONE; 32 * 24], None, 1.0).expect("a target");
     let refused = Job::new("none", scene(), vec![target], Settings::new(fits)).map(|_| ());
-    let message = refused.expect_err("no texture coordinates").to_string();
-    assert!(message.contains("has no texture coordinates") && message.contains("\"wall\""), "{message}");
+    let message = refused.expect_err("no room").to_string();
+    for part in ["\"wall\" has no texture coordinates", "1 x 1", "resolution = 2", "per = \"triangle\""] {
+        assert!(message.contains(part), "{message}");
+    }
+}
+
+/// What a job of pictures fits if it does not say: what is large in them gets a texture.
+#[test]
+fn large_meshes_get_textures() {
+    let truth = two_tones([0.2, 0.7]);
+    let folder = tempfile::tempdir().expect("a folder");
+    truth.save(&folder.path().join("s.toml")).expect("written");
+    let pixels = vec![[0.5, 0.5, 0.5, 1.0]; 64 * 48];
+    Picture { width: 64, height: 48, pixels }.write_exr(folder.path().join("a.exr")).expect("written");
+    // From above, the lamp aside.
+    let frames = r#"{ "fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "frames": [{ "file_path": "a.exr",
+        "transform_matrix": [[1, 0, 0, 0.5], [0, 0, 1, 4], [0, -1, 0, 0.5], [0, 0, 0, 1]] }] }"#;
+    std::fs::write(folder.path().join("transforms.json"), frames).expect("written");
+    let path = folder.path().join("job.toml");
+    std::fs::write(&path, "scene = \"s.toml\"\n[[target]]\ncameras = \"transforms.json\"\n")
+        .expect("written");
+    let file = JobFile::load(&path).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(file.job.problem().parameters.paintings().len(), 2, "{:?}", file.warnings);
+    let said = file.warnings.iter().any(|warning| warning.contains("box (64 x 64), floor (64 x 64)"));
+    assert!(said, "{:?}", file.warnings);
 }

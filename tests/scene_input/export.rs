@@ -1,7 +1,8 @@
 //! Exported scenes come back.
 
 use antirad::export::{Format, export};
-use antirad::scene::{LoadOptions, Orient, Scene};
+use antirad::scene::{LampFactor, LoadOptions, Material, Orient, Scene, SceneBuilder, Shape};
+use glam::{DAffine3, DVec3};
 use std::path::Path;
 
 /// The room with two boxes, glossy in part.
@@ -45,6 +46,47 @@ fn gltf_keeps_everything_in_single_precision() {
         let [ahead, other] = [a, b].map(|c| (c.target - c.position).normalize());
         assert!(ahead.abs_diff_eq(other, 1e-5));
     }
+}
+
+/// A box with a texture over an atlas, one side of which emits: the same points have the same albedo and emission.
+#[test]
+fn gltf_and_scene_files_keep_textures() {
+    let mut builder = SceneBuilder::new();
+    let white = Material { albedo: [0.8; 3], ..Material::named("white") };
+    builder.shape("box", Shape::Box { cells: 2 }, &white, DAffine3::IDENTITY);
+    builder.shape("plate", Shape::Quad { cells: 1 }, &white, DAffine3::from_translation(DVec3::Y * 2.0));
+    let mut scene = builder.finish("s").expect("a scene");
+    let triangles: Vec<u32> = scene.meshes[0].range.clone().collect();
+    scene.split_materials(&triangles.iter().map(|t| 1 + u64::from(*t)).collect::<Vec<_>>());
+    let (painting, _) = scene.paint(&triangles, [32, 32]).expect("painted");
+    let texels = (0..1024).map(|k| DVec3::new(0.5 + 0.4 * (2.3 * f64::from(k)).sin(), 0.3, 0.9)).collect();
+    scene.set_painting(&painting, texels);
+    for t in 40..48 {
+        let material = scene.triangles[t].material as usize;
+        scene.materials[material].emission = [3.0, 2.0, 1.0];
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("s.toml");
+    assert_eq!(scene.save(&path).expect("written"), ["s_texture_1.png"]);
+    scene.save_lamps(&folder.path().join("lamps.toml")).expect("written");
+    let mut saved = Scene::load(&path, &LoadOptions::default()).expect("a scene");
+    for copy in [&saved, &again(&scene, Format::Gltf, None)] {
+        let (before, after) = (surfaces(&scene), surfaces(copy));
+        assert_eq!(before.len(), after.len());
+        for ((a, t), (b, u)) in before.iter().zip(&after) {
+            assert_eq!((a, scene.material(*t).emission), (b, copy.material(*u).emission));
+            for at in [[0.2, 0.3, 0.5], [0.6, 0.1, 0.3], [0.9, 0.05, 0.05]].map(DVec3::from) {
+                let albedo = |scene: &Scene, t: usize| {
+                    let factors = scene.patterns.at(t, at).map_or(DVec3::ONE, |factors| factors.value[0]);
+                    factors * DVec3::from(scene.material(t).albedo)
+                };
+                let [a, b] = [albedo(&scene, *t), albedo(copy, *u)];
+                assert!(a.abs_diff_eq(b, 1e-4), "{a} {b}");
+            }
+        }
+    }
+    let lamps = LampFactor::read(&folder.path().join("lamps.toml")).expect("factors");
+    saved.scale_lamps(&lamps).unwrap_or_else(|error| panic!("{error}"));
 }
 
 #[test]

@@ -52,18 +52,7 @@ struct Seen {
 /// the median of their picture. Bright triangles that touch are a candidate, with all of their connected part of the mesh if most of what
 /// is seen of it is bright; otherwise they must be five times as bright, as a lamp nearby often lights such spots.
 pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
-    let rays = Rays::new(scene);
-    let seen = targets.par_iter().map(|target| look(scene, &rays, target)).reduce(
-        || vec![Seen::default(); scene.triangles.len()],
-        |mut all, more| {
-            for (to, more) in all.iter_mut().zip(more) {
-                to.pixels += more.pixels;
-                to.bright += more.bright;
-                to.spot += more.spot;
-            }
-            all
-        },
-    );
+    let seen = seen(scene, targets);
     let is_bright = |t: u32| {
         let Seen { pixels, bright, .. } = seen[t as usize];
         pixels > 0 && f64::from(bright) >= OFTEN * f64::from(pixels)
@@ -103,6 +92,27 @@ pub fn candidates(scene: &Scene, targets: &[Target]) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = found.into_iter().map(|part| named(part, true)).collect();
     all.extend(unseen.into_iter().map(|part| named(part, false)));
     all
+}
+
+/// How many pixels show each triangle, over all targets.
+pub(super) fn pixels(scene: &Scene, targets: &[Target]) -> Vec<u32> {
+    seen(scene, targets).into_iter().map(|seen| seen.pixels).collect()
+}
+
+/// What the pixels of all targets show.
+fn seen(scene: &Scene, targets: &[Target]) -> Vec<Seen> {
+    let rays = Rays::new(scene);
+    targets.par_iter().map(|target| look(scene, &rays, target)).reduce(
+        || vec![Seen::default(); scene.triangles.len()],
+        |mut all, more| {
+            for (to, more) in all.iter_mut().zip(more) {
+                to.pixels += more.pixels;
+                to.bright += more.bright;
+                to.spot += more.spot;
+            }
+            all
+        },
+    )
 }
 
 /// What the pixels of a target show, by one ray each.

@@ -33,9 +33,9 @@ pub enum Regulariser {
         /// Weight, dimensionless.
         weight: f64,
     },
-    /// Textures are even but for edges: the mean over neighbouring texels and channels of √(d² + ε²) - ε, with d their difference of albedo
-    /// and ε = 0.02 (total variation: Rudin, Osher and Fatemi 1992). It evens out the noise of photos, and continues textures where no
-    /// photo shows them.
+    /// Textures are even but for edges: the mean over neighbouring texels, of an atlas those of one chart, and channels of √(d² + ε²) - ε,
+    /// with d their difference of albedo and ε = 0.02 (total variation: Rudin, Osher and Fatemi 1992). It evens out the noise of photos,
+    /// and continues textures where no photo shows them.
     TotalVariation {
         /// Weight, dimensionless.
         weight: f64,
@@ -109,7 +109,8 @@ enum Term {
         weight: f64,
     },
     TotalVariation {
-        textures: Vec<(usize, [u32; 2])>,
+        /// The first unknowns of neighbouring texels.
+        pairs: Vec<[usize; 2]>,
         weight: f64,
     },
     /// Unknowns with their values and weights.
@@ -160,12 +161,7 @@ impl Regularisers {
                 }
                 sum
             }
-            Term::TotalVariation { textures, weight } => {
-                let of = |&(first, size): &(usize, [u32; 2])| {
-                    total_variation(x, first, size, *weight, by_unknowns)
-                };
-                textures.iter().map(of).sum()
-            }
+            Term::TotalVariation { pairs, weight } => total_variation(x, pairs, *weight, by_unknowns),
             Term::Prior { unknowns } => {
                 let mut sum = 0.0;
                 for &(i, prior, weight) in unknowns {
@@ -234,12 +230,10 @@ fn term_of(term: &Regulariser, parameters: &Parameters) -> Result<Term, String> 
             })
         }
         Regulariser::TotalVariation { .. } => {
-            let textures = parameters.textures();
-            let pairs = |[w, h]: [u32; 2]| f64::from(w - 1) * f64::from(h) + f64::from(w) * f64::from(h - 1);
-            let pairs: f64 = textures.iter().map(|&(_, size)| pairs(size)).sum();
-            match pairs > 0.0 {
-                true => Ok(Term::TotalVariation { textures, weight: weight / (3.0 * pairs) }),
-                false => Err(String::from("no texture is fitted (per = \"texel\"), so none can be even")),
+            let pairs = parameters.neighbouring_texels();
+            match pairs.len() {
+                0 => Err(String::from("no texture is fitted (per = \"texel\"), so none can be even")),
+                count => Ok(Term::TotalVariation { pairs, weight: weight / (3.0 * count as f64) }),
             }
         }
         Regulariser::Prior { of, names, value, .. } => {
@@ -315,33 +309,16 @@ fn smoothness(
     sum
 }
 
-/// The sum over neighbouring texels of a texture, whose unknowns begin at `first`; adds its derivatives.
-fn total_variation(
-    x: &[f64],
-    first: usize,
-    [width, height]: [u32; 2],
-    weight: f64,
-    by_unknowns: &mut [f64],
-) -> f64 {
-    let at = |column: u32, row: u32| first + 3 * (row as usize * width as usize + column as usize);
+/// The sum over neighbouring texels, by their first unknowns; adds its derivatives.
+fn total_variation(x: &[f64], pairs: &[[usize; 2]], weight: f64, by_unknowns: &mut [f64]) -> f64 {
     let mut sum = 0.0;
-    let mut add = |a: usize, b: usize| {
+    for &[a, b] in pairs {
         for c in 0..3 {
             let d = x[a + c] - x[b + c];
             let root = d.hypot(EDGE);
             sum += weight * (root - EDGE);
             by_unknowns[a + c] += weight * d / root;
             by_unknowns[b + c] -= weight * d / root;
-        }
-    };
-    for row in 0..height {
-        for column in 0..width {
-            if column + 1 < width {
-                add(at(column, row), at(column + 1, row));
-            }
-            if row + 1 < height {
-                add(at(column, row), at(column, row + 1));
-            }
         }
     }
     sum

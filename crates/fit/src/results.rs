@@ -7,6 +7,7 @@ use super::target::Target;
 use antirad_base::input;
 use antirad_base::output::{OutputError, atomic_write, write_array, write_json};
 use antirad_core::plan::GradientRequest;
+use antirad_render::export::{Format, export};
 use antirad_render::image::Picture;
 use antirad_render::render::Quantity;
 use antirad_scene::free_name;
@@ -19,6 +20,8 @@ use std::slice::from_ref;
 
 /// Name of the fitted scene's files.
 const SCENE: &str = "scene.toml";
+/// The same for other programs.
+const GLTF: &str = "scene.glb";
 /// Factors of its lamps.
 const LAMPS: &str = "relight.toml";
 /// Written last: if it exists, so do all others.
@@ -45,6 +48,7 @@ pub struct Circumstances {
 /// are the same, byte for byte, for the same job.
 ///
 /// - `scene.toml` with OBJ and MTL: the fitted scene, for [`Scene::load`](antirad_scene::Scene::load).
+/// - `scene.glb`: the same with its textures as binary glTF, for Blender and others.
 /// - `relight.toml`: a factor of 1 for each of its lamps, for `antirad render scene.toml --relight relight.toml` and
 ///   [`LampFactor::read`](antirad_scene::LampFactor::read).
 /// - `parameters.json`: every fitted value with its initial value, unit, and whether it is at a bound.
@@ -60,6 +64,7 @@ pub struct Circumstances {
 /// Fails if a file cannot be written.
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
     let textures = outcome.scene.save(&directory.join(SCENE))?;
+    export(&outcome.scene, Format::Gltf, &directory.join(GLTF), None)?;
     outcome.scene.save_lamps(&directory.join(LAMPS))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;
     write_arrays(directory, job.problem().parameters.gradient_request(), outcome)?;

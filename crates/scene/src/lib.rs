@@ -6,7 +6,9 @@
 
 mod adjacency;
 mod albedo;
+mod albedo_texture;
 mod assembly;
+mod atlas;
 mod backend;
 mod builder;
 mod camera;
@@ -53,6 +55,8 @@ mod texture;
 mod toml_file;
 mod triangulate;
 
+pub use albedo_texture::AlbedoTexture;
+pub use atlas::Crowded;
 pub use backend::{BackendChoice, BackendKind};
 pub use builder::SceneBuilder;
 pub use camera::Camera;
@@ -80,7 +84,7 @@ pub use pattern::Factors;
 pub use rays::Rays;
 pub use size::bounds;
 pub use tables::{CameraTable, Triple};
-pub use texture::{linear_from_srgb, srgb_from_linear};
+pub use texture::{Wrap, linear_from_srgb, srgb_from_linear};
 pub use toml_file::TomlFile;
 
 use glam::DVec3;

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine2, DVec2, DVec3};
 
+use super::atlas::{Crowded, NO_CHART};
 use super::geometry::Maps;
 use super::texture::{Map, Texture, weights};
 use super::{Patterns, Scene};
@@ -21,24 +22,35 @@ pub struct Painting {
     triangles: Vec<u32>,
     /// Per triangle, the weights of texels in its mean.
     means: Vec<Vec<(u32, f64)>>,
+    /// Of an atlas, the chart of each texel; empty where texture coordinates were given.
+    chart_of: Vec<u32>,
 }
 
 impl Scene {
     /// Gives triangles a texture of their own, which starts with their albedo, one value each. Each must have a material that no
     /// other shares ([`Self::split_materials`]).
     ///
+    /// Triangles some of which have no texture coordinates get others, all of them: those of an atlas, whose charts share no texel.
+    ///
     /// # Errors
-    /// Names a triangle without texture coordinates.
-    pub fn paint(&mut self, triangles: &[u32], size: [u32; 2]) -> Result<(Painting, Vec<DVec3>), u32> {
-        let uvs = |&t: &u32| self.patterns.uvs(t as usize).ok_or(t);
-        let uvs: Vec<[DVec2; 3]> = triangles.iter().map(uvs).collect::<Result<_, u32>>()?;
+    /// Fails if the atlas has more charts than the texture has room for.
+    pub fn paint(&mut self, triangles: &[u32], size: [u32; 2]) -> Result<(Painting, Vec<DVec3>), Crowded> {
+        let given = triangles.iter().map(|&t| self.patterns.uvs(t as usize)).collect::<Option<_>>();
+        let (uvs, chart_of): (Vec<[DVec2; 3]>, Vec<u32>) = match given {
+            Some(uvs) => (uvs, Vec::new()),
+            None => {
+                let atlas = self.atlas(triangles, size)?;
+                (atlas.uvs, atlas.chart_of)
+            }
+        };
         let means: Vec<Vec<(u32, f64)>> = uvs.iter().map(|corners| mean_weights(size, *corners)).collect();
         let patterns = Arc::make_mut(&mut self.patterns);
         let maps = patterns.add_maps(Maps::default());
         for (&t, uvs) in triangles.iter().zip(uvs) {
+            patterns.set_uvs(t as usize, uvs);
             patterns.set(t as usize, maps, uvs, [DVec3::ONE; 2]);
         }
-        let painting = Painting { size, maps, triangles: triangles.to_vec(), means };
+        let painting = Painting { size, maps, triangles: triangles.to_vec(), means, chart_of };
         let texels = painting.texels_of(|t| self.material(t).albedo.into());
         self.set_painting(&painting, texels.clone());
         Ok((painting, texels))
@@ -80,6 +92,23 @@ impl Painting {
     /// Number of texels.
     pub fn texels(&self) -> usize {
         self.size[0] as usize * self.size[1] as usize
+    }
+
+    /// Pairs of texels next to each other. In an atlas these are of the same chart: beyond its border lies another part of the surface, or
+    /// nothing.
+    pub fn neighbours(&self) -> Vec<[u32; 2]> {
+        let [columns, rows] = self.size;
+        let is_one_surface =
+            |&[a, b]: &[u32; 2]| match (self.chart_of.get(a as usize), self.chart_of.get(b as usize)) {
+                (Some(a), Some(b)) => a == b && *a != NO_CHART,
+                _ => true,
+            };
+        let of = |texel: u32| {
+            let right = (texel % columns + 1 < columns).then(|| [texel, texel + 1]);
+            let below = (texel / columns + 1 < rows).then(|| [texel, texel + columns]);
+            right.into_iter().chain(below)
+        };
+        (0..columns * rows).flat_map(of).filter(is_one_surface).collect()
     }
 
     /// Texels that have the albedo of the triangles which they cover.
@@ -163,7 +192,6 @@ mod tests {
     #[test]
     fn means_and_points_are_those_of_texels() {
         let mut scene = square();
-        assert_eq!(scene.paint(&[0, 1], [8, 4]).map(|_| ()), Err(0), "no texture coordinates");
         let uvs = |t: [u32; 3]| t.map(|v| scene.vertices[v as usize].truncate() * 0.9 + 0.05);
         let uvs = [uvs([0, 1, 2]), uvs([0, 2, 3])];
         Arc::make_mut(&mut scene.patterns).extend_uvs(0, &uvs);
@@ -189,6 +217,40 @@ mod tests {
             let mean = sum / f64::from(n * (n + 1) / 2);
             assert!(mean.abs_diff_eq(DVec3::from(scene.material(t).albedo), 0.01), "{mean}");
         }
+    }
+
+    /// Two squares that look the same way, apart from each other: no texel of one is next to one of the other.
+    #[test]
+    fn without_texture_coordinates_there_is_an_atlas() {
+        let mut scene = square();
+        let beyond: Vec<DVec3> = scene.vertices.iter().map(|v| *v + DVec3::Z).collect();
+        scene.vertices.extend(beyond);
+        let copies = scene.triangles.clone().into_iter().map(|t| t.vertices.map(|v| v + 4));
+        scene.triangles.extend(copies.zip(2..).map(|(vertices, material)| Triangle { vertices, material }));
+        scene
+            .materials
+            .extend([0.3, 0.9].map(|albedo| Material { albedo: [albedo; 3], ..Material::named("c") }));
+        scene.meshes[0].range.end = 4;
+        let (painting, start) = scene.paint(&[0, 1, 2, 3], [32, 16]).expect("painted");
+        for t in 0..4 {
+            let expected = [0.0, 0.2, 0.3, 0.9][t];
+            // Texels along the diagonal belong to both triangles.
+            let found = scene.material(t).albedo[0];
+            assert!((found - expected).abs() <= 0.1, "{t}: {found}, not {expected}");
+        }
+        assert!(start.iter().all(|texel| texel.is_finite()));
+        let mut reached: Vec<bool> = vec![false; painting.texels()];
+        for &(texel, _) in painting.means()[..2].iter().flatten() {
+            reached[texel as usize] = true;
+        }
+        for _ in 0..64 {
+            for [a, b] in painting.neighbours() {
+                let either = reached[a as usize] || reached[b as usize];
+                (reached[a as usize], reached[b as usize]) = (either, either);
+            }
+        }
+        let of_other = painting.means()[2..].iter().flatten();
+        assert!(of_other.filter(|(_, weight)| *weight > 0.0).all(|(texel, _)| !reached[*texel as usize]));
     }
 
     #[test]

@@ -147,6 +147,17 @@ impl Patterns {
         (0..).zip(&self.maps).filter_map(albedo).collect()
     }
 
+    /// The first index of a texture of albedo.
+    pub(super) fn index_of(&self, texture: &Arc<Texture>) -> u32 {
+        let is_it = |maps: &Maps| maps.albedo.as_ref().is_some_and(|map| Arc::ptr_eq(&map.texture, texture));
+        self.maps.iter().position(is_it).unwrap_or_default() as u32
+    }
+
+    /// The texture of albedo with an index.
+    pub(super) fn albedo_map(&self, index: u32) -> Option<&Texture> {
+        Some(&self.maps.get(index as usize)?.albedo.as_ref()?.texture)
+    }
+
     /// Adds textures that patterns refer to by the index returned.
     pub(super) fn add_maps(&mut self, maps: Maps) -> u32 {
         self.maps.push(maps);
@@ -163,6 +174,14 @@ impl Patterns {
     pub(super) fn extend_uvs(&mut self, before: usize, uvs: &[[DVec2; 3]]) {
         self.uvs.resize(before, [DVec2::NAN; 3]);
         self.uvs.extend(uvs);
+    }
+
+    /// Gives a triangle texture coordinates.
+    pub(super) fn set_uvs(&mut self, triangle: usize, uvs: [DVec2; 3]) {
+        if self.uvs.len() <= triangle {
+            self.uvs.resize(triangle + 1, [DVec2::NAN; 3]);
+        }
+        self.uvs[triangle] = uvs;
     }
 
     /// Whether there are neither patterns nor texture coordinates.

@@ -137,7 +137,7 @@ impl Scene {
     /// # Errors
     /// Fails if the file cannot be written.
     pub fn save_lamps(&self, path: &Path) -> Result<(), OutputError> {
-        let names = self.readable_names();
+        let names = self.saved_names();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let table: BTreeMap<String, f64> =
             self.lamps_named(&names).into_iter().map(|name| (name, 1.0)).collect();

@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::texture::Texture;
 use super::{
-    BinLayout, Choice, Lamps, Material, Normalization, Patterns, Scene, SolveSettings, SolverChoice, Sun,
-    Transport, VisibilityChoice,
+    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun, Transport,
+    VisibilityChoice, free_name,
 };
 use antirad_base::output::{OutputError, atomic_write};
 
@@ -96,7 +96,8 @@ impl Scene {
     /// Numbers have all their digits: [`Scene::load`] restores the same vertices, triangles, meshes, materials, suns, cameras
     /// and settings, except for the sign of zeros.
     ///
-    /// Textures that were fitted become PNG files of 16 bits, and their triangles one material each. Other textures are not written: pictures of
+    /// Textures that were fitted become PNG files of 16 bits, and their triangles a material, or several if they
+    /// differ in more than albedo. Other textures are not written: pictures of
     /// the file show the means of triangles.
     ///
     /// The formats impose two changes. Characters of a material name that MTL would misread (a line break, a `#` after a
@@ -111,8 +112,8 @@ impl Scene {
         let stem = readable(&stem);
         let names = self.readable_names();
         let mtl = format!("{stem}.mtl");
-        let textures = self.fitted_textures(&stem, &names);
-        for texture in &textures {
+        let textures = self.saved_textures(&stem, &names);
+        for texture in textures.iter().filter(|texture| texture.is_first) {
             let png = texture.image.png().map_err(Error::other);
             atomic_write(&path.with_file_name(&texture.file), |file| file.write_all(&png?))?;
         }
@@ -129,7 +130,7 @@ impl Scene {
         atomic_write(&path.with_file_name(&mtl), |file| self.write_mtl(file, &names, &textures))?;
         let text = self.toml(tables, &names);
         atomic_write(path, |file| file.write_all(text.map_err(Error::other)?.as_bytes()))?;
-        Ok(textures.into_iter().map(|texture| texture.file).collect())
+        Ok(textures.into_iter().filter(|texture| texture.is_first).map(|texture| texture.file).collect())
     }
 
     /// Per mesh, the vertices to write: consecutive runs that cover all vertices if the meshes use them in order, else those
@@ -161,7 +162,7 @@ impl Scene {
     }
 
     /// Distinct names of materials that an MTL file can represent.
-    pub(super) fn readable_names(&self) -> Vec<String> {
+    fn readable_names(&self) -> Vec<String> {
         let mut taken: HashSet<String> =
             self.materials.iter().map(|m| &m.name).filter(|name| readable(name) == **name).cloned().collect();
         let name = |material: &Material| {
@@ -195,8 +196,7 @@ impl Scene {
         let (mut current, mut coordinates) = (None, 0);
         for t in range {
             let triangle = &self.triangles[t as usize];
-            let texture =
-                textures.iter().find_map(|texture| Some((texture, texture.uvs(&self.patterns, t)?)));
+            let texture = textures.iter().find_map(|texture| Some((texture, texture.uvs(self, t)?)));
             let name = texture.map_or(&names[triangle.material as usize], |(texture, _)| &texture.material);
             if current != Some(name) {
                 writeln!(file, "usemtl {name}")?;
@@ -323,11 +323,13 @@ impl Scene {
     }
 }
 
-/// A texture that was fitted, as it is written.
+/// A texture that was fitted, as it is written on triangles whose materials differ in albedo alone.
 struct SavedTexture {
     maps: u32,
     image: Arc<Texture>,
     file: String,
+    /// Whether no other one of the same file is before it.
+    is_first: bool,
     /// Name of the material of its triangles, and one that it is like but for the albedo.
     material: String,
     like: u32,
@@ -335,29 +337,61 @@ struct SavedTexture {
 
 impl SavedTexture {
     /// The texture coordinates of a triangle that it covers.
-    fn uvs(&self, patterns: &Patterns, triangle: u32) -> Option<[DVec2; 3]> {
-        patterns.textured(triangle as usize).filter(|(maps, _)| *maps == self.maps).map(|(_, uvs)| uvs)
+    fn uvs(&self, scene: &Scene, triangle: u32) -> Option<[DVec2; 3]> {
+        let (maps, uvs) = scene.patterns.textured(triangle as usize)?;
+        let alike = || alike(scene.material(triangle as usize), &scene.materials[self.like as usize]);
+        (maps == self.maps && alike()).then_some(uvs)
     }
+}
+
+/// Whether materials differ in nothing but name and albedo.
+fn alike(a: &Material, b: &Material) -> bool {
+    *a == Material { name: a.name.clone(), albedo: a.albedo, ..b.clone() }
 }
 
 impl Scene {
     /// The textures that were fitted, in the order of the scene's.
-    fn fitted_textures(&self, stem: &str, names: &[String]) -> Vec<SavedTexture> {
-        let mut taken: HashSet<&str> = names.iter().map(String::as_str).collect();
-        let free: Vec<String> = (1u64..)
-            .map(|number| format!("texture_{number}"))
-            .filter(|name| !taken.remove(name.as_str()))
-            .take(self.patterns.fitted().len())
-            .collect();
-        let first = |maps: u32| {
-            let of = |t: &usize| self.patterns.textured(*t).is_some_and(|(own, _)| own == maps);
-            (0..self.triangles.len()).find(of).map(|t| self.triangles[t].material)
-        };
-        let saved = |((maps, image), material): ((u32, Arc<Texture>), String)| {
-            let file = format!("{stem}_{material}.png");
-            Some(SavedTexture { maps, image, file, like: first(maps)?, material })
-        };
-        self.patterns.fitted().into_iter().zip(free).filter_map(saved).collect()
+    fn saved_textures(&self, stem: &str, names: &[String]) -> Vec<SavedTexture> {
+        let mut taken: HashSet<String> = names.iter().cloned().collect();
+        let mut saved: Vec<SavedTexture> = Vec::new();
+        let mut number = 0u64;
+        for (maps, image) in self.patterns.fitted() {
+            let first = loop {
+                number += 1;
+                let name = format!("texture_{number}");
+                if taken.insert(name.clone()) {
+                    break name;
+                }
+            };
+            let file = format!("{stem}_{first}.png");
+            let before = saved.len();
+            for t in 0..self.triangles.len() as u32 {
+                let on_it = self.patterns.textured(t as usize).is_some_and(|(own, _)| own == maps);
+                if on_it && saved[before..].iter().all(|known| known.uvs(self, t).is_none()) {
+                    let is_first = saved.len() == before;
+                    let material = match is_first {
+                        true => first.clone(),
+                        false => free_name(&first, |name| taken.insert(name.to_owned())),
+                    };
+                    let like = self.triangles[t as usize].material;
+                    let (image, file) = (image.clone(), file.clone());
+                    saved.push(SavedTexture { maps, image, file, is_first, material, like });
+                }
+            }
+        }
+        saved
+    }
+
+    /// Names of materials in the files that [`Self::save`] writes.
+    pub(super) fn saved_names(&self) -> Vec<String> {
+        let mut names = self.readable_names();
+        let textures = self.saved_textures("", &names);
+        for (t, triangle) in (0..).zip(&self.triangles) {
+            if let Some(texture) = textures.iter().find(|texture| texture.uvs(self, t).is_some()) {
+                names[triangle.material as usize].clone_from(&texture.material);
+            }
+        }
+        names
     }
 }
 

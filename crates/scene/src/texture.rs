@@ -52,7 +52,8 @@ pub(super) struct Map {
 
 /// How a picture goes on beyond its edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Wrap {
+pub enum Wrap {
+    /// With itself, again and again.
     #[default]
     Repeat,
     /// With its outermost texels.

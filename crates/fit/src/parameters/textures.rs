@@ -3,6 +3,7 @@
 use super::super::selection::Selected;
 use super::{ParameterBlock, ParameterError, Parameters, Per, What};
 use antirad_render::render::Quantity;
+use antirad_scene::Crowded;
 
 /// Columns and rows of a texture unless stated.
 const RESOLUTION: u32 = 64;
@@ -24,12 +25,16 @@ impl Parameters {
         }
         self.request.albedo = true;
         for (name, triangles) in &selected.groups {
-            let (painting, texels) = self.base.paint(triangles, [side; 2]).map_err(|t| {
+            let crowded = |crowded: Crowded| {
+                let enough = crowded.enough();
+                let finer =
+                    if enough <= MOST { format!("state resolution = {enough}, ") } else { String::new() };
                 refuse(format!(
-                    "triangle {t} of \"{name}\" has no texture coordinates, which per = \"texel\" needs; unwrap the mesh, or \
+                    "mesh \"{name}\" has no texture coordinates, and {crowded}; {finer}close its cracks with `snap`, unwrap it, or \
                      use per = \"triangle\""
                 ))
-            })?;
+            };
+            let (painting, texels) = self.base.paint(triangles, [side; 2]).map_err(crowded)?;
             let what = What::Texture { painting: self.paintings.len(), texels: texels.len() };
             let first = self.start.len();
             self.start.extend(texels.iter().flat_map(|texel| texel.to_array()));
@@ -44,13 +49,17 @@ impl Parameters {
         !self.paintings.is_empty()
     }
 
-    /// The first unknown, columns and rows of each texture.
-    pub(in super::super) fn textures(&self) -> Vec<(usize, [u32; 2])> {
+    /// The first unknowns of each two neighbouring texels of textures ([`Painting::neighbours`](antirad_scene::Painting::neighbours)).
+    pub(in super::super) fn neighbouring_texels(&self) -> Vec<[usize; 2]> {
         let of = |block: &ParameterBlock| match &block.what {
-            What::Texture { painting, .. } => Some((block.first, self.paintings[*painting].size())),
-            _ => None,
+            What::Texture { painting, .. } => {
+                let pairs = self.paintings[*painting].neighbours();
+                let first = block.first;
+                pairs.into_iter().map(|pair| pair.map(|texel| first + 3 * texel as usize)).collect()
+            }
+            _ => Vec::new(),
         };
-        self.blocks.iter().filter_map(of).collect()
+        self.blocks.iter().flat_map(of).collect()
     }
 
     /// These parameters with one albedo for each texture, starting at a point, and with pictures of other sizes; and per unknown, the one of

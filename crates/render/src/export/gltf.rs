@@ -1,16 +1,18 @@
 //! Binary glTF 2.0.
 
 use antirad_base::output::{OutputError, atomic_write};
-use antirad_scene::{Camera, Material, Normalization, Scene, Sun};
-use glam::{DMat3, DQuat, DVec3};
+use antirad_scene::{AlbedoTexture, Camera, Material, Normalization, Scene, Sun, Wrap, free_name};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::{BufWriter, Error, Write};
 use std::path::Path;
 
-/// Component types, targets of views.
+/// Component types.
 const FLOAT: u32 = 5126;
 const UNSIGNED: u32 = 5125;
+/// A filter of textures: between texels, without smaller copies, in which charts of an atlas would run into each other.
+const LINEAR: u32 = 9729;
 
 /// The binary part of a file, with its views and accessors.
 #[derive(Default)]
@@ -21,12 +23,19 @@ struct Binary {
 }
 
 impl Binary {
+    /// Adds bytes; returns the index of their view.
+    fn view(&mut self, bytes: impl IntoIterator<Item = u8>) -> usize {
+        // Numbers have four bytes, and must lie at multiples of that.
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        let start = self.bytes.len();
+        self.bytes.extend(bytes);
+        self.views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": self.bytes.len() - start }));
+        self.views.len() - 1
+    }
+
     /// Adds rows of numbers of four bytes each; returns the index of their accessor.
     fn add(&mut self, bytes: impl Iterator<Item = [u8; 4]>, mut accessor: Value) -> usize {
-        let start = self.bytes.len();
-        bytes.for_each(|number| self.bytes.extend(number));
-        self.views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": self.bytes.len() - start }));
-        accessor["bufferView"] = json!(self.views.len() - 1);
+        accessor["bufferView"] = json!(self.view(bytes.flatten()));
         self.accessors.push(accessor);
         self.accessors.len() - 1
     }
@@ -41,6 +50,11 @@ impl Binary {
         self.add(rows.as_flattened().iter().map(|x| x.to_le_bytes()), accessor)
     }
 
+    fn texture_coordinates(&mut self, rows: &[[f32; 2]]) -> usize {
+        let accessor = json!({ "componentType": FLOAT, "count": rows.len(), "type": "VEC2" });
+        self.add(rows.as_flattened().iter().map(|x| x.to_le_bytes()), accessor)
+    }
+
     fn indices(&mut self, indices: &[u32]) -> usize {
         let accessor = json!({ "componentType": UNSIGNED, "count": indices.len(), "type": "SCALAR" });
         self.add(indices.iter().map(|x| x.to_le_bytes()), accessor)
@@ -49,13 +63,15 @@ impl Binary {
 
 pub fn write(scene: &Scene, path: &Path, light: Option<&[[f64; 3]]>) -> Result<(), OutputError> {
     let mut binary = Binary::default();
+    let looks = Looks::of(scene, light.is_none());
     let mut nodes = Vec::new();
     let mut meshes = Vec::new();
+    let mut images = Vec::new();
     for mesh in scene.meshes.iter().filter(|mesh| !mesh.range.is_empty()) {
         nodes.push(json!({ "name": mesh.name, "mesh": meshes.len() }));
         let triangles = mesh.range.start as usize..mesh.range.end as usize;
         meshes.push(
-            json!({ "name": mesh.name, "primitives": primitives(scene, triangles, light, &mut binary) }),
+            json!({ "name": mesh.name, "primitives": primitives(scene, triangles, light, &looks, &mut binary) }),
         );
     }
     for (index, camera) in scene.cameras.iter().enumerate() {
@@ -68,13 +84,21 @@ pub fn write(scene: &Scene, path: &Path, light: Option<&[[f64; 3]]>) -> Result<(
             "extensions": { "KHR_lights_punctual": { "light": index } },
         }));
     }
+    for &(texture, _) in &looks.textures {
+        let png = scene.albedo_png(texture).map_err(|reason| OutputError::new(path, Error::other(reason)));
+        images.push(json!({ "bufferView": binary.view(png?), "mimeType": "image/png" }));
+    }
+    binary.bytes.resize(binary.bytes.len().next_multiple_of(4), 0);
     let mut document = json!({
         "asset": { "version": "2.0", "generator": "antirad" },
         "scene": 0,
         "scenes": [{ "name": scene.name, "nodes": (0..nodes.len()).collect::<Vec<_>>() }],
         "nodes": nodes,
         "meshes": meshes,
-        "materials": scene.materials.iter().map(material).collect::<Vec<_>>(),
+        "materials": looks.all.iter().map(material).collect::<Vec<_>>(),
+        "textures": (0..images.len()).map(|k| json!({ "source": k, "sampler": k })).collect::<Vec<_>>(),
+        "images": images,
+        "samplers": looks.textures.iter().map(|(_, wrap)| sampler(*wrap)).collect::<Vec<_>>(),
         "cameras": scene.cameras.iter().map(lens).collect::<Vec<_>>(),
         "extensionsUsed": ["KHR_materials_emissive_strength"],
         "buffers": [{ "byteLength": binary.bytes.len() }],
@@ -82,8 +106,11 @@ pub fn write(scene: &Scene, path: &Path, light: Option<&[[f64; 3]]>) -> Result<(
         "accessors": binary.accessors,
     });
     // Empty lists are invalid.
-    if scene.cameras.is_empty() {
-        document.as_object_mut().map(|object| object.remove("cameras"));
+    let without_textures: &[&str] =
+        if looks.textures.is_empty() { &["textures", "images", "samplers"] } else { &[] };
+    let without_cameras: &[&str] = if scene.cameras.is_empty() { &["cameras"] } else { &[] };
+    for key in without_textures.iter().chain(without_cameras) {
+        document.as_object_mut().map(|object| object.remove(*key));
     }
     if !scene.suns.is_empty() {
         document["extensionsUsed"] = json!(["KHR_materials_emissive_strength", "KHR_lights_punctual"]);
@@ -93,7 +120,6 @@ pub fn write(scene: &Scene, path: &Path, light: Option<&[[f64; 3]]>) -> Result<(
     atomic_write(path, |file| {
         let mut text = serde_json::to_vec(&document)?;
         text.resize(text.len().next_multiple_of(4), b' ');
-        // Numbers have four bytes, so that the binary part needs no padding.
         let length = |bytes: usize| {
             u32::try_from(bytes).map_err(|_| Error::other("more than 4 GiB, which glTF cannot hold"))
         };
@@ -110,44 +136,152 @@ pub fn write(scene: &Scene, path: &Path, light: Option<&[[f64; 3]]>) -> Result<(
     })
 }
 
+/// A material as it is written.
+struct Look {
+    material: Material,
+    /// Place of the texture of the albedo among those written.
+    texture: Option<usize>,
+}
+
+/// The materials of a scene, with their textures.
+struct Looks {
+    all: Vec<Look>,
+    /// Of each triangle.
+    of: Vec<usize>,
+    /// Indices of textures ([`AlbedoTexture::index`]), and how they go on beyond their edges.
+    textures: Vec<(u32, [Wrap; 2])>,
+}
+
+impl Looks {
+    /// All materials; triangles with a texture have others, named after their mesh, which they share if nothing else differs.
+    fn of(scene: &Scene, textured: bool) -> Self {
+        let all = scene.materials.iter().map(|material| Look { material: material.clone(), texture: None });
+        let of = scene.triangles.iter().map(|triangle| triangle.material as usize).collect();
+        let mut looks = Self { all: all.collect(), of, textures: Vec::new() };
+        if !textured {
+            return looks;
+        }
+        let mut names: HashSet<String> =
+            scene.materials.iter().map(|material| material.name.clone()).collect();
+        let mut known: HashMap<Vec<u64>, usize> = HashMap::new();
+        for mesh in &scene.meshes {
+            for t in mesh.range.start as usize..mesh.range.end as usize {
+                let Some(AlbedoTexture { index, wrap, factor, .. }) = scene.albedo_texture(t) else {
+                    continue;
+                };
+                // To single precision, in which the texture is: factors of one file differ by rounding.
+                let albedo = factor.map(|x| f64::from(x as f32));
+                let number =
+                    looks.textures.iter().position(|known| *known == (index, wrap)).unwrap_or_else(|| {
+                        looks.textures.push((index, wrap));
+                        looks.textures.len() - 1
+                    });
+                let material = Material { albedo, ..scene.material(t).clone() };
+                looks.of[t] = *known.entry(key(number, &material)).or_insert_with(|| {
+                    let name = free_name(&mesh.name, |name| names.insert(name.to_owned()));
+                    looks.all.push(Look { material: Material { name, ..material }, texture: Some(number) });
+                    looks.all.len() - 1
+                });
+            }
+        }
+        if known.is_empty() {
+            return looks;
+        }
+        let mut used = looks.of.clone();
+        used.sort_unstable();
+        used.dedup();
+        looks.of.iter_mut().for_each(|look| *look = used.binary_search(look).unwrap_or_default());
+        let all = looks.all.into_iter().enumerate().filter(|(look, _)| used.binary_search(look).is_ok());
+        looks.all = all.map(|(_, look)| look).collect();
+        looks
+    }
+}
+
+/// What tells materials with a texture apart.
+fn key(texture: usize, material: &Material) -> Vec<u64> {
+    let Material { diffuse, albedo, specular, power, emission, normalization, .. } = material;
+    let numbers = [*diffuse, *power].into_iter().chain(*albedo).chain(*specular).chain(*emission);
+    let kind = u64::from(*normalization == Normalization::Energy);
+    [texture as u64, kind].into_iter().chain(numbers.map(f64::to_bits)).collect()
+}
+
 /// One for each material of a mesh, over shared vertices; with light, whose colours change from face to face, over vertices of each
 /// face's own.
 fn primitives(
     scene: &Scene,
     triangles: std::ops::Range<usize>,
     light: Option<&[[f64; 3]]>,
+    looks: &Looks,
     binary: &mut Binary,
 ) -> Vec<Value> {
     let single = |v: DVec3| v.to_array().map(|x| x as f32);
-    let mut by_material: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    let mut by_look: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for t in triangles.clone() {
-        by_material.entry(scene.triangles[t].material).or_default().push(t);
+        by_look.entry(looks.of[t]).or_default().push(t);
     }
     if let Some(light) = light {
-        let each = by_material.into_iter().map(|(material, triangles)| {
+        let each = by_look.into_iter().map(|(look, triangles)| {
             let corners: Vec<[f32; 3]> = triangles.iter().flat_map(|&t| scene.corners(t)).map(single).collect();
             let colours: Vec<[f32; 3]> = triangles.iter().flat_map(|&t| [light[t].map(|x| x as f32); 3]).collect();
             let attributes =
                 json!({ "POSITION": binary.vectors(&corners, true), "COLOR_0": binary.vectors(&colours, false) });
-            json!({ "attributes": attributes, "material": material })
+            json!({ "attributes": attributes, "material": look })
         });
         return each.collect();
     }
-    let mut used: Vec<u32> = triangles.flat_map(|t| scene.triangles[t].vertices).collect();
+    let plain = |t: &usize| looks.all[looks.of[*t]].texture.is_none();
+    let mut used: Vec<u32> = triangles.filter(plain).flat_map(|t| scene.triangles[t].vertices).collect();
     used.sort_unstable();
     used.dedup();
-    let positions: Vec<[f32; 3]> = used.iter().map(|&v| single(scene.vertices[v as usize])).collect();
-    let positions = binary.vectors(&positions, true);
+    let shared: Vec<[f32; 3]> = used.iter().map(|&v| single(scene.vertices[v as usize])).collect();
+    let shared = (!shared.is_empty()).then(|| binary.vectors(&shared, true));
     let number = |v: u32| used.binary_search(&v).unwrap_or(0) as u32;
-    let each = by_material.into_iter().map(|(material, triangles)| {
-        let indices: Vec<u32> = triangles.iter().flat_map(|&t| scene.triangles[t].vertices).map(number).collect();
-        json!({ "attributes": { "POSITION": positions }, "indices": binary.indices(&indices), "material": material })
+    let each = by_look.into_iter().map(|(look, triangles)| {
+        let (attributes, indices) = match shared {
+            Some(shared) if looks.all[look].texture.is_none() => {
+                let corners = triangles.iter().flat_map(|&t| scene.triangles[t].vertices);
+                (json!({ "POSITION": shared }), corners.map(number).collect())
+            }
+            _ => mapped(scene, &triangles, binary),
+        };
+        json!({ "attributes": attributes, "indices": binary.indices(&indices), "material": look })
     });
     each.collect()
 }
 
+/// Attributes and indices of triangles with texture coordinates; corners that share them are one.
+fn mapped(scene: &Scene, triangles: &[usize], binary: &mut Binary) -> (Value, Vec<u32>) {
+    let (mut positions, mut coordinates, mut indices) = (Vec::new(), Vec::new(), Vec::new());
+    let mut known: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
+    for &t in triangles {
+        let uvs = scene.albedo_texture(t).map_or([DVec2::ZERO; 3], |texture| texture.uvs);
+        for (v, uv) in scene.triangles[t].vertices.into_iter().zip(uvs) {
+            let uv = uv.to_array().map(|x| x as f32);
+            indices.push(*known.entry((v, uv.map(f32::to_bits))).or_insert_with(|| {
+                positions.push(scene.vertices[v as usize].to_array().map(|x| x as f32));
+                coordinates.push(uv);
+                positions.len() as u32 - 1
+            }));
+        }
+    }
+    let attributes = json!({
+        "POSITION": binary.vectors(&positions, true),
+        "TEXCOORD_0": binary.texture_coordinates(&coordinates),
+    });
+    (attributes, indices)
+}
+
+fn sampler(wrap: [Wrap; 2]) -> Value {
+    let [s, t] = wrap.map(|wrap| match wrap {
+        Wrap::Repeat => 10497,
+        Wrap::Clamp => 33071,
+        Wrap::Mirror => 33648,
+    });
+    json!({ "magFilter": LINEAR, "minFilter": LINEAR, "wrapS": s, "wrapT": t })
+}
+
 /// The inverse of what the reader makes of a material, as far as glTF goes, and all of it in `extras`.
-fn material(material: &Material) -> Value {
+fn material(Look { material, texture }: &Look) -> Value {
     let metal = material.is_glossy() && material.diffuse_albedo() == [0.0; 3];
     let [r, g, b] = if metal { material.specular } else { material.diffuse_albedo() };
     let rough = if material.is_glossy() { (2.0 / (material.power + 2.0)).powf(0.25) } else { 1.0 };
@@ -173,6 +307,9 @@ fn material(material: &Material) -> Value {
             },
         } },
     });
+    if let Some(texture) = texture {
+        value["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": texture });
+    }
     if strength > 0.0 {
         value["extensions"] = json!({ "KHR_materials_emissive_strength": { "emissiveStrength": strength } });
     }

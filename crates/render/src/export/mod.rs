@@ -11,7 +11,7 @@ use std::path::Path;
 /// A file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// glTF 2.0 in one binary file (`.glb`): all meshes, materials, suns and cameras. What (ρ, σ, p) of glTF cannot express stands in
+    /// glTF 2.0 in one binary file (`.glb`): all meshes, materials, textures of albedo, suns and cameras. What (ρ, σ, p) of glTF cannot express stands in
     /// `extras`, from which [`Scene::load`] restores it.
     Gltf,
     /// A scene of Mitsuba 3 (`.xml`) with a PLY for each mesh and material beside it. Lobes become rough plastic about as wide, suns
