@@ -7,7 +7,7 @@ use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::render::{CameraGradient, Light, Reflections};
 use antirad::scene::{
-    BinLayout, Camera, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Sun, Triangle,
+    BinLayout, Camera, Lamps, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Sun, Triangle,
 };
 use antirad::{Engine, SolveParams};
 use antirad_render::image::Coverage;
@@ -18,6 +18,11 @@ use support::{backend, finish, load, path, solve};
 
 /// A tilted blocker over a floor and beside a wall, under a lamp.
 fn scene() -> Scene {
+    scene_with_lamps(1)
+}
+
+/// With a lamp of `cells` x `cells` squares. If there are several, vertices are so uneven that each triangle is a lamp of its own.
+fn scene_with_lamps(cells: u32) -> Scene {
     let grey = |name: &str, albedo: [f64; 3]| Material { albedo, ..Material::named(name) };
     let floor = Material { specular: [0.08, 0.1, 0.12], power: 15.0, ..grey("floor", [0.7, 0.6, 0.5]) };
     let lamp = Material { emission: [5.0, 4.0, 3.0], ..Material::named("lamp") };
@@ -36,7 +41,7 @@ fn scene() -> Scene {
             &grey("blocker", [0.5; 3]),
             at(0.1, 0.45, 0.07) * tilt * small,
         )
-        .shape("lamp", Shape::Quad { cells: 1 }, &lamp, at(0.05, 1.0, 0.0) * down * small);
+        .shape("lamp", Shape::Quad { cells }, &lamp, at(0.05, 1.0, 0.0) * down * small);
     let mut scene = builder.finish("gathered").expect("a scene");
     for (k, vertex) in scene.vertices.iter_mut().enumerate() {
         let wave = |by: f64| 0.01 * (by * (k as f64 + 1.0)).sin();
@@ -404,17 +409,16 @@ fn derivatives_are_those_of_central_differences(scene: &Scene) {
     finish(&backend);
 }
 
-/// Emission and materials, where rays tell what glossy faces mirror of each other, of lamps by antiradiance and of textures.
+/// Emission and materials, where rays tell what glossy faces mirror of each other, of one lamp exactly and by antiradiance, and of many by rays
+/// that are distributed over them.
 #[test]
 fn derivatives_of_reflections_by_rays_are_those_of_central_differences() {
     let backend = backend();
-    for exact_lamps in [true, false] {
-        let mut scene = scene();
+    for (cells, lamps) in [(1, Lamps::Auto), (1, Lamps::Antiradiance), (9, Lamps::Auto)] {
+        let mut scene = scene_with_lamps(cells);
         let wall = scene.materials.iter_mut().find(|m| m.name == "wall").expect("a wall");
         (wall.specular, wall.power) = ([0.1, 0.05, 0.15], 25.0);
-        if !exact_lamps {
-            scene.settings = scene.settings.lamps(antirad::scene::Lamps::Antiradiance);
-        }
+        scene.settings = scene.settings.lamps(lamps);
         let camera = camera();
         let request = GradientRequest::EVERYTHING.positions(false).camera(false);
         let options = PlanOptions::of(&backend).gradients(request);
@@ -423,6 +427,7 @@ fn derivatives_of_reflections_by_rays_are_those_of_central_differences() {
             Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 4).expect("a view");
         let weight = |pixel: usize, channel: usize| ((pixel * 3 + channel) as f64).sin() + 0.3;
         let plan = Plan::new(&scene, &options, &scene.settings).expect("a plan");
+        assert_eq!(plan.report().lamps.why.contains("distributed"), cells > 1);
         let mut engine = Engine::new(&backend, &scene, plan).expect("an engine");
         let mut light_of = |scene: &Scene| {
             engine.set_materials(scene).expect("materials");
@@ -627,7 +632,7 @@ fn derivatives_of_textured_pictures_are_those_of_central_differences() {
     for exact_lamps in [true, false] {
         let mut scene = textured_scene();
         if !exact_lamps {
-            scene.settings = scene.settings.lamps(antirad::scene::Lamps::Antiradiance);
+            scene.settings = scene.settings.lamps(Lamps::Antiradiance);
         }
         // The floor and, at the upper edge, the lamp from below.
         let views = [

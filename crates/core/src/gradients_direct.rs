@@ -60,9 +60,10 @@ impl Engine {
             return Ok(sums);
         }
         let of_direct = self.direct_cotangent(cotangent, of_radiance);
-        let mut by_lamps: Vec<DVec3> = (0..light.lamps().len())
-            .map(|l| of_direct.iter().enumerate().map(|(i, &d)| d * light.factors(i)[l]).sum())
-            .collect();
+        let mut by_lamps = vec![DVec3::ZERO; light.lamps().len()];
+        for (i, &by) in of_direct.iter().enumerate() {
+            light.factors(i).iter().for_each(|factor| by_lamps[factor.lamp as usize] += by * factor.value);
+        }
         if positions {
             let radiance = light.radiance(|i| &self.materials[i]);
             let by_factor = |receiver: usize, lamp: usize| of_direct[receiver].dot(radiance[lamp]);

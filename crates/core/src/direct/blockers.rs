@@ -63,6 +63,15 @@ impl Blockers {
         }
     }
 
+    /// Whether anything may block lamps.
+    pub fn exist(facets: &[Facet], lamps: &[Lamp]) -> bool {
+        match lamps.iter().find_map(Lamp::sun) {
+            _ if lamps.is_empty() => false,
+            None => !in_between(facets, coplanar_tolerance(facets)).is_empty(),
+            Some(disc) => (0..facets.len()).any(|i| facets[i].area > 0.0 && !disc.is_before(i as u32)),
+        }
+    }
+
     /// Nothing that blocks, in a scene of some triangles.
     pub fn none(facets: &[Facet]) -> Self {
         Self { tolerance: coplanar_tolerance(facets), far: beyond(facets), ..Self::new(&[]) }

@@ -3,6 +3,7 @@
 use super::cone::{Side, arc, sides};
 use super::quadrature::POINTS;
 use glam::DVec3;
+use std::f64::consts::PI;
 
 /// The Blinn-Phong lobe of a point towards an eye, without its factor.
 #[derive(Clone, Copy, Debug)]
@@ -72,6 +73,20 @@ impl Lobe {
             true => cosine.powf(self.power),
             false => 1.0,
         }
+    }
+
+    /// ln ⟨h, n⟩ ⟨h, n⟩^p, the derivative of [`Self::at`] by p.
+    pub fn by_power(&self, to_lamp: DVec3) -> f64 {
+        let to_lamp = to_lamp.normalize_or_zero();
+        self.half_vector(to_lamp).0.dot(self.normal).max(1e-20).ln() * self.value(to_lamp)
+    }
+
+    /// About the largest value in directions up to an angle from one; never zero.
+    pub fn highest(&self, direction: DVec3, angle: f64) -> f64 {
+        let (half, length) = self.half_vector(direction.normalize_or_zero());
+        let moves = angle / (length - angle).max(0.1);
+        let nearest = (half.angle_between(self.normal) - moves).clamp(0.0, 0.5 * PI);
+        nearest.cos().powf(self.power).max(LEAST)
     }
 
     /// Cells along a side of a cone with such an angle.

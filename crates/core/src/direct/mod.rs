@@ -11,6 +11,7 @@ mod derivative;
 mod highlight;
 mod lamps;
 mod lobes;
+mod many_lights;
 mod polygon;
 mod quadrature;
 mod rays;
@@ -36,8 +37,9 @@ use antirad_gpu::GpuError;
 use antirad_scene::Material;
 use blockers::Blockers;
 use derivative::{Contributions, Sight};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use highlight::Lobe;
+use many_lights::{Arrival, ManyLights, by_lamp};
 use quadrature::Cuts;
 pub use quadrature::{POINTS, Sample};
 use rayon::prelude::*;
@@ -59,7 +61,25 @@ pub enum Visibility {
     /// Visibility by rays where much stands in between, which costs as much in any scene. Derivatives by
     /// positions leave out how shadows move.
     Sampled,
+    /// A number of rays from each point that does not depend on that of lamps, which are distributed over them by
+    /// importance. There are no derivatives by positions.
+    Distributed,
 }
+
+/// The light of a lamp on a triangle.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
+pub struct Factor {
+    /// Number of the lamp.
+    pub lamp: u32,
+    /// Standard error of the value. Where rays are distributed over lamps, half the difference of what two halves of the rays
+    /// tell: the errors of all lamps have to be added up first.
+    error: f32,
+    /// Mean irradiance per radiance, sr: the form factor times π.
+    pub value: f64,
+}
+
+/// Vector irradiance of lamps at a point per radiance, sr: of those of which some arrives, by their ascending numbers.
+pub type PointLight = Vec<(u32, DVec3)>;
 
 /// Direct light of lamps on the triangles of a scene. Several ranks compute it and its derivatives together,
 /// and all of them have the whole.
@@ -72,12 +92,12 @@ pub struct DirectLight {
     sampling: Option<Sampling>,
     /// A kernel that traces such rays from many points at once.
     tracing: Option<Tracing>,
+    /// Rays distributed over all lamps, in place of visibility lamp by lamp.
+    many: Option<ManyLights>,
     lamps: Vec<Lamp>,
     receivers: usize,
-    /// Mean irradiance per radiance, sr, by receiver, then lamp: [`Self::factors`].
-    factors: Vec<f64>,
-    /// Standard errors of the factors; empty where visibility is exact.
-    errors: Vec<f64>,
+    /// Of each receiver, in the order of lamps: [`Self::factors`].
+    factors: Vec<Vec<Factor>>,
     /// How receivers with a penumbra are cut into cells, by receiver and lamp.
     cuts: BTreeMap<[usize; 2], Cuts>,
 }
@@ -95,6 +115,9 @@ impl DirectLight {
         visibility: Visibility,
         material: impl Fn(usize) -> &'a Material,
     ) -> Result<Self, RankError> {
+        if let Some(many) = Self::many(facets, &lamps, visibility, &material) {
+            return Self::distributed(ranks.clone(), facets, lamps, many);
+        }
         let sampling = Self::sampling(facets, &lamps, visibility, material);
         Self::compute(ranks.clone(), facets, lamps, sampling, None)
     }
@@ -161,6 +184,40 @@ impl DirectLight {
         sampled.then(|| Sampling::new(facets, lamps, &radiance(lamps, material)))
     }
 
+    /// Rays to distribute over lamps, the more to a lamp the more it emits.
+    fn many<'a>(
+        facets: &[Facet],
+        lamps: &[Lamp],
+        visibility: Visibility,
+        material: impl Fn(usize) -> &'a Material,
+    ) -> Option<ManyLights> {
+        let distributed = visibility == Visibility::Distributed && !lamps.is_empty();
+        distributed.then(|| ManyLights::new(facets, lamps, &radiance(lamps, material)))
+    }
+
+    /// The light of lamps on triangles by rays that are distributed over all lamps.
+    fn distributed(
+        ranks: Ranks,
+        facets: &[Facet],
+        lamps: Vec<Lamp>,
+        many: ManyLights,
+    ) -> Result<Self, RankError> {
+        let of_receiver = |receiver: usize| -> Vec<Factor> {
+            let facet = &facets[receiver];
+            let arrivals = many.at_triangle(&lamps, receiver, facet);
+            let of_half = |Arrival { direction, solid_angle, in_second_half, .. }: &Arrival| {
+                let light = solid_angle * direction.dot(facet.normal);
+                if *in_second_half { DVec2::new(0.0, light) } else { DVec2::new(light, 0.0) }
+            };
+            let factor =
+                |(lamp, DVec2 { x, y }): (u32, DVec2)| Factor { lamp, error: (x - y) as f32, value: x + y };
+            by_lamp(&arrivals, of_half).into_iter().map(factor).collect()
+        };
+        let factors = ranks.map(facets.len(), of_receiver)?;
+        let receivers = factors.len();
+        Ok(Self { ranks, receivers, factors, many: Some(many), ..Self::among(Blockers::none(facets), lamps) })
+    }
+
     /// Prepares light at points of triangles alone ([`Self::at_points`]): it knows the light of no triangle.
     pub fn of_points<'a>(
         facets: &[Facet],
@@ -168,14 +225,45 @@ impl DirectLight {
         visibility: Visibility,
         material: impl Fn(usize) -> &'a Material,
     ) -> Self {
+        let many = Self::many(facets, &lamps, visibility, &material);
         let sampling = Self::sampling(facets, &lamps, visibility, material);
-        Self { sampling, ..Self::among(Blockers::of(facets, &lamps), lamps) }
+        let blockers = if many.is_some() { Blockers::none(facets) } else { Blockers::of(facets, &lamps) };
+        Self { sampling, many, ..Self::among(blockers, lamps) }
     }
 
     fn among(blockers: Blockers, lamps: Vec<Lamp>) -> Self {
-        let (factors, errors, cuts) = (Vec::new(), Vec::new(), BTreeMap::new());
-        let ranks = Ranks::default();
-        Self { ranks, blockers, sampling: None, tracing: None, lamps, receivers: 0, factors, errors, cuts }
+        Self {
+            ranks: Ranks::default(),
+            blockers,
+            sampling: None,
+            tracing: None,
+            many: None,
+            lamps,
+            receivers: 0,
+            factors: Vec::new(),
+            cuts: BTreeMap::new(),
+        }
+    }
+
+    /// The same as if nothing stood between lamps and points.
+    pub fn unblocked(self, facets: &[Facet]) -> Self {
+        let many = self.many.map(ManyLights::without_shadows);
+        Self { blockers: Blockers::none(facets), sampling: None, tracing: None, many, ..self }
+    }
+
+    /// The same with so many rays from each point, where they are distributed over lamps.
+    pub fn with_rays(self, count: u32) -> Self {
+        Self { many: self.many.map(|many| many.with_rays(count)), ..self }
+    }
+
+    /// Of how many lamps light arrives at a point, at most.
+    pub fn lamps_of_point(&self) -> usize {
+        self.many.as_ref().map_or(usize::MAX, ManyLights::count).min(self.lamps.len())
+    }
+
+    /// Whether anything may stand between lamps and what they light.
+    pub fn is_blocked(facets: &[Facet], lamps: &[Lamp]) -> bool {
+        Blockers::exist(facets, lamps)
     }
 
     /// What rays from these triangles to lamps may meet.
@@ -242,6 +330,10 @@ impl DirectLight {
     /// # Errors
     /// Fails if another rank has ended, or does not run the same program.
     pub fn moved(&self, facets: &[Facet]) -> Result<Self, RankError> {
+        if let Some(many) = &self.many {
+            let many = many.moved(facets, &self.lamps);
+            return Self::distributed(self.ranks.clone(), facets, self.lamps.clone(), many);
+        }
         let sampling = self.sampling.as_ref().map(|sampling| sampling.moved(facets, &self.lamps));
         Self::compute(self.ranks.clone(), facets, self.lamps.clone(), sampling, Some(&self.cuts))
     }
@@ -292,21 +384,17 @@ impl DirectLight {
         lamps: Vec<Lamp>,
     ) -> Self {
         let receivers = found.len();
-        let mut factors = Vec::with_capacity(receivers * lamps.len());
-        let mut errors = Vec::new();
+        let mut factors = Vec::with_capacity(receivers);
         let mut cuts = BTreeMap::new();
         for (receiver, of_lamps) in found.into_iter().enumerate() {
-            for (l, (factor, of_lamp)) in of_lamps.into_iter().enumerate() {
-                factors.push(factor.value);
-                if sampling.is_some() {
-                    errors.push(factor.error);
-                }
-                if !of_lamp.is_whole() {
-                    cuts.insert([receiver, l], of_lamp);
-                }
-            }
+            let factor = |(lamp, (Share { value, error }, _)): (u32, &(Share, Cuts))| {
+                (*value != 0.0).then_some(Factor { lamp, error: *error as f32, value: *value })
+            };
+            factors.push((0..).zip(&of_lamps).filter_map(factor).collect());
+            let in_parts = of_lamps.into_iter().enumerate().filter(|(_, (_, cuts))| !cuts.is_whole());
+            cuts.extend(in_parts.map(|(l, (_, cuts))| ([receiver, l], cuts)));
         }
-        Self { ranks, receivers, blockers, sampling, tracing: None, lamps, factors, errors, cuts }
+        Self { ranks, receivers, sampling, factors, cuts, ..Self::among(blockers, lamps) }
     }
 
     /// The ranks that compute the light together.
@@ -325,21 +413,30 @@ impl DirectLight {
 
     /// How much of lamps points see.
     pub fn visibility(&self) -> Visibility {
-        if self.sampling.is_some() { Visibility::Sampled } else { Visibility::Exact }
+        match (&self.many, &self.sampling) {
+            (Some(_), _) => Visibility::Distributed,
+            (None, Some(_)) => Visibility::Sampled,
+            (None, None) => Visibility::Exact,
+        }
     }
 
     /// Standard error of [`Self::irradiance`], as a relative L2 norm weighted by area, without that of emitters; zero where visibility is
     /// exact.
     pub fn standard_error<'a>(&self, facets: &[Facet], material: impl Fn(usize) -> &'a Material) -> f64 {
-        let squares: Vec<f64> = self.radiance(&material).iter().map(|l| l.length_squared()).collect();
+        let radiance = self.radiance(&material);
         let (mut error, mut light) = (0.0, 0.0);
-        let rows = self.errors.chunks(squares.len().max(1)).zip(self.factors.chunks(squares.len().max(1)));
         let receives = |(i, _): &(usize, _)| material(*i).emission == [0.0; 3];
-        for (i, (errors, factors)) in rows.enumerate().filter(receives) {
-            let facet = &facets[i];
-            error += facet.area * errors.iter().zip(&squares).map(|(e, l)| e * e * l).sum::<f64>();
-            let sum: f64 = factors.iter().zip(&squares).map(|(f, l)| f * l.sqrt()).sum();
-            light += facet.area * sum * sum;
+        for (i, factors) in self.factors.iter().enumerate().filter(receives) {
+            let area = facets[i].area;
+            let errors = factors.iter().map(|f| f64::from(f.error) * radiance[f.lamp as usize]);
+            error += area
+                * match self.many {
+                    // Halves of the same rays go to all lamps.
+                    Some(_) => errors.sum::<DVec3>().length_squared(),
+                    None => errors.map(DVec3::length_squared).sum::<f64>(),
+                };
+            let sum: f64 = factors.iter().map(|f| f.value * radiance[f.lamp as usize].length()).sum();
+            light += area * sum * sum;
         }
         if light > 0.0 { (error / light).sqrt() } else { 0.0 }
     }
@@ -359,9 +456,16 @@ impl DirectLight {
         self.receivers
     }
 
-    /// Mean irradiance of a triangle per radiance of each lamp, sr: its form factor times π.
-    pub fn factors(&self, receiver: usize) -> &[f64] {
-        &self.factors[receiver * self.lamps.len()..(receiver + 1) * self.lamps.len()]
+    /// The light of lamps on a triangle: of those of which some arrives, by their ascending numbers.
+    pub fn factors(&self, receiver: usize) -> &[Factor] {
+        &self.factors[receiver]
+    }
+
+    /// Mean irradiance of a triangle per radiance of a lamp, sr.
+    pub fn factor(&self, receiver: usize, lamp: usize) -> f64 {
+        let factors = self.factors(receiver);
+        let place = factors.binary_search_by_key(&(lamp as u32), |factor| factor.lamp);
+        place.map_or(0.0, |place| factors[place].value)
     }
 
     /// Radiance of each lamp, W/(m² sr), of emitters from the material of each triangle.
@@ -372,7 +476,7 @@ impl DirectLight {
     /// Irradiance of each triangle, W/m², RGB.
     pub fn irradiance<'a>(&self, material: impl Fn(usize) -> &'a Material) -> Vec<DVec3> {
         let radiance = self.radiance(material);
-        let of = |receiver| self.factors(receiver).iter().zip(&radiance).map(|(&f, &l)| f * l).sum();
+        let of = |receiver| self.factors(receiver).iter().map(|f| f.value * radiance[f.lamp as usize]).sum();
         (0..self.receivers).map(of).collect()
     }
 
@@ -386,7 +490,7 @@ impl DirectLight {
     pub fn sunlight(&self) -> Vec<DVec3> {
         let suns: Vec<(usize, DVec3)> =
             (0..).zip(&self.lamps).filter_map(|(l, lamp)| Some((l, lamp.sun()?.radiance()))).collect();
-        let of = |receiver| suns.iter().map(|&(l, radiance)| self.factors(receiver)[l] * radiance).sum();
+        let of = |receiver| suns.iter().map(|&(l, radiance)| self.factor(receiver, l) * radiance).sum();
         (0..self.receivers).map(of).collect()
     }
 
@@ -419,11 +523,11 @@ impl DirectLight {
         moves: impl Fn(u32) -> bool + Sync,
     ) -> Result<Vec<FacetGradient>, RankError> {
         let geometry = self.geometry(facets);
-        let placed: Vec<Placed> = self.lamps.iter().map(|lamp| geometry.place(lamp)).collect();
+        let placed: Vec<Placed> = self.lamp_by_lamp().map(|lamp| geometry.place(lamp)).collect();
         let of_receiver = |visible: &mut Visible, receiver: usize, to: &mut Contributions| {
             for (l, lamp) in placed.iter().enumerate() {
                 let weight = cotangent(receiver, l);
-                if weight == 0.0 || self.factors(receiver)[l] == 0.0 {
+                if weight == 0.0 || self.factor(receiver, l) == 0.0 {
                     continue;
                 }
                 let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
@@ -473,10 +577,15 @@ impl DirectLight {
     /// Vector irradiance Φ = ∫ ω dω over the visible directions of each lamp above the horizon, at points of
     /// one triangle, sr: irradiance per radiance is its product with the normal. Distant points are better
     /// asked for separately, since they share a search.
-    pub fn at_points(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<Vec<DVec3>> {
-        let mut light = vec![vec![DVec3::ZERO; self.lamps.len()]; points.len()];
+    pub fn at_points(&self, facets: &[Facet], face: usize, points: &[DVec3]) -> Vec<PointLight> {
+        if let Some(many) = &self.many {
+            let phi = |arrival: &Arrival| arrival.solid_angle * arrival.direction;
+            let at = |point: &DVec3| many.at_point(&self.lamps, (face, &facets[face]), *point, None);
+            return points.iter().map(|point| by_lamp(&at(point), phi)).collect();
+        }
+        let mut light = vec![PointLight::new(); points.len()];
         self.each_sight(facets, face, points, None, &|_| true, &mut |k, l, sight, visible| {
-            light[k][l] = sight.vector_irradiance(visible);
+            light[k].push((l as u32, sight.vector_irradiance(visible)));
         });
         light
     }
@@ -489,15 +598,15 @@ impl DirectLight {
         &self,
         facets: &[Facet],
         faces: &[(usize, &[DVec3])],
-    ) -> Result<Vec<Vec<Vec<DVec3>>>, GpuError> {
+    ) -> Result<Vec<Vec<PointLight>>, GpuError> {
         let Some(tracing) = &self.tracing else {
             let of = |&(face, points): &(usize, &[DVec3])| self.at_points(facets, face, points);
             return Ok(faces.par_iter().map(of).collect());
         };
         let geometry = self.geometry(facets);
         let placed: Vec<Placed> = self.lamps.iter().map(|lamp| geometry.place(lamp)).collect();
-        let mut light: Vec<Vec<Vec<DVec3>>> =
-            faces.iter().map(|(_, points)| vec![vec![DVec3::ZERO; placed.len()]; points.len()]).collect();
+        let mut light: Vec<Vec<PointLight>> =
+            faces.iter().map(|(_, points)| vec![PointLight::new(); points.len()]).collect();
         let (mut places, mut looks) = (Vec::new(), Vec::new());
         for (f, &(face, points)) in faces.iter().enumerate() {
             let normal = facets[face].normal;
@@ -509,7 +618,7 @@ impl DirectLight {
         for ([f, k, lamp], Lit { phi, .. }) in
             places.into_iter().zip(tracing.light(&looks, rays::OF_PIXEL, 1.0)?)
         {
-            light[f][k][lamp] = phi;
+            light[f][k].push((lamp as u32, phi));
         }
         Ok(light)
     }
@@ -544,6 +653,9 @@ impl DirectLight {
         power: f64,
     ) -> Vec<Vec<f64>> {
         let mut light = vec![vec![0.0; self.lamps.len()]; points.len()];
+        self.each_reflected(facets, face, points, (eye, power), &mut |k, l, lobe, arrival| {
+            light[k][l] += lobe.at(arrival) * arrival.dot(lobe.normal);
+        });
         self.each_sight(facets, face, points, Some((eye, power)), &|_| true, &mut |k, l, sight, visible| {
             light[k][l] = sight.highlight(visible, &Lobe::towards(eye, sight.point, sight.normal, power));
         });
@@ -564,6 +676,9 @@ impl DirectLight {
         let mut gradient =
             HighlightGradient { points: vec![DVec3::ZERO; points.len()], ..HighlightGradient::default() };
         let mut own = FacetGradient::default();
+        self.each_reflected(facets, face, points, (eye, power), &mut |k, l, lobe, arrival| {
+            gradient.power += cotangent(k, l) * lobe.by_power(arrival) * arrival.dot(lobe.normal);
+        });
         self.each_sight(facets, face, points, Some((eye, power)), &|_| true, &mut |k, l, sight, visible| {
             let by = cotangent(k, l);
             let lobe = Lobe::towards(eye, sight.point, sight.normal, power);
@@ -577,6 +692,33 @@ impl DirectLight {
         to.add(face as u32, own);
         gradient.facets = to.merged();
         gradient
+    }
+
+    /// The lamps whose visibility is found one by one: none where rays are distributed over all of them.
+    fn lamp_by_lamp(&self) -> impl Iterator<Item = &Lamp> {
+        self.lamps.iter().filter(|_| self.many.is_none())
+    }
+
+    /// Where rays are distributed over lamps, calls `each` with the numbers of each point of a triangle and of the lamp that a ray comes from, the
+    /// lobe there, and the direction to the lamp times the solid angle of the ray.
+    fn each_reflected(
+        &self,
+        facets: &[Facet],
+        face: usize,
+        points: &[DVec3],
+        (eye, power): (DVec3, f64),
+        each: &mut dyn FnMut(usize, usize, &Lobe, DVec3),
+    ) {
+        let Some(many) = &self.many else { return };
+        let facet = &facets[face];
+        for (k, &point) in points.iter().enumerate() {
+            let lobe = Lobe::towards(eye, point, facet.normal, power);
+            for Arrival { lamp, direction, solid_angle, .. } in
+                many.at_point(&self.lamps, (face, facet), point, Some(&lobe))
+            {
+                each(k, lamp as usize, &lobe, solid_angle * direction);
+            }
+        }
     }
 
     /// Calls `each` with each point of a triangle, by its number, and each lamp that may be seen from there. One search for blockers serves
@@ -593,7 +735,7 @@ impl DirectLight {
     ) {
         let geometry = self.geometry(facets);
         let visible = &mut Visible::default();
-        for (l, lamp) in self.lamps.iter().enumerate() {
+        for (l, lamp) in self.lamp_by_lamp().enumerate() {
             let lamp = &geometry.place(lamp);
             if !geometry.faces(face, lamp) {
                 continue;
@@ -614,6 +756,12 @@ impl DirectLight {
     /// `bins`: their directions, in the frame of the triangle. Empty for lamps of which nothing arrives.
     pub fn lobes(&self, facets: &[Facet], receiver: usize, bins: &[DVec3], power: f64) -> Vec<Vec<f64>> {
         let mut lobes = vec![Vec::new(); self.lamps.len()];
+        let normal = facets[receiver].normal;
+        for Arrival { lamp, direction, solid_angle, .. } in self.arrivals(facets, receiver) {
+            let lobe = &mut lobes[lamp as usize];
+            lobe.resize(bins.len(), 0.0);
+            lobes::add(solid_angle * direction, normal, 1.0, bins, power, lobe);
+        }
         self.each_sample(facets, receiver, &mut |l, sight, share, visible| {
             let phi = sight.vector_irradiance(visible);
             lobes[l].resize(bins.len(), 0.0);
@@ -633,7 +781,11 @@ impl DirectLight {
     ) -> (Vec<(u32, FacetGradient)>, f64) {
         let mut to = Contributions::default();
         let mut by_power = 0.0;
-        let corners = facets[receiver].corners;
+        let Facet { corners, normal, .. } = facets[receiver];
+        for Arrival { lamp, direction, solid_angle, .. } in self.arrivals(facets, receiver) {
+            let by = |b| cotangent(lamp as usize, b);
+            by_power += lobes::pull_back(solid_angle * direction, normal, bins, power, by).2;
+        }
         self.each_sample(facets, receiver, &mut |l, sight, share, visible| {
             let phi = sight.vector_irradiance(visible);
             let (by_phi, by_normal, by_exponent) =
@@ -651,6 +803,12 @@ impl DirectLight {
         (to.merged(), by_power)
     }
 
+    /// What rays bring to a triangle, where they are distributed over lamps.
+    fn arrivals(&self, facets: &[Facet], receiver: usize) -> Vec<Arrival> {
+        let of = |many: &ManyLights| many.at_triangle(&self.lamps, receiver, &facets[receiver]);
+        self.many.as_ref().map(of).unwrap_or_default()
+    }
+
     /// Calls `each` with each lamp, a point of a receiver that may see it, and the share of the receiver that the point stands for.
     fn each_sample(
         &self,
@@ -661,7 +819,7 @@ impl DirectLight {
         let geometry = self.geometry(facets);
         let corners = facets[receiver].corners;
         let visible = &mut Visible::default();
-        for (l, lamp) in self.lamps.iter().enumerate().filter(|&(l, _)| self.factors(receiver)[l] != 0.0) {
+        for (l, lamp) in self.lamp_by_lamp().enumerate().filter(|&(l, _)| self.factor(receiver, l) != 0.0) {
             let lamp = &geometry.place(lamp);
             let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
             let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
@@ -871,7 +1029,7 @@ mod tests {
     }
 
     fn loss(light: &DirectLight) -> f64 {
-        (0..light.receivers).map(|receiver| weight(receiver, 0) * light.factors(receiver)[0]).sum()
+        (0..light.receivers).map(|receiver| weight(receiver, 0) * light.factor(receiver, 0)).sum()
     }
 
     /// A floor under a lamp, and a box and a screen between them, whose faces are cut into many triangles.
@@ -940,7 +1098,7 @@ mod tests {
         let [coarse, fine, part] = [fine_blockers(1), fine_blockers(3), in_part].map(|scene| {
             let facets = facets(&scene);
             let light = exact(&scene, &facets, lamps(&scene, &facets, 1e-9));
-            let factors: Vec<f64> = (0..8).map(|receiver| light.factors(receiver)[0]).collect();
+            let factors: Vec<f64> = (0..8).map(|receiver| light.factor(receiver, 0)).collect();
             (light.blockers.count(), factors)
         });
         // Six faces and the screen; everything is above the floor and below the lamp.
@@ -987,10 +1145,10 @@ mod tests {
                         .expect("light");
                 let gradients = light.pull_back(&facets, weight, |_| true).expect("derivatives");
                 let moved = light.moved(&facets).expect("light of moved vertices");
-                (light.factors, light.errors, light.cuts, gradients, moved.factors)
+                (light.factors, light.cuts, gradients, moved.factors)
             };
             let alone = computed(&Ranks::default());
-            assert!(alone.2.len() > 4 && alone.0.iter().all(|factor| factor.is_finite()));
+            assert!(alone.1.len() > 4 && alone.0.iter().flatten().all(|factor| factor.value.is_finite()));
             std::thread::scope(|scope| {
                 for ranks in antirad_base::ranks::in_threads(3) {
                     let (alone, computed) = (&alone, &computed);

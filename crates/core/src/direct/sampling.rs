@@ -224,7 +224,7 @@ pub fn sobol(index: u32) -> [u32; 2] {
 }
 
 /// How the sequences of a point and a lamp differ from those of others, in units of 2^-32: the same for all points that are the same in f32.
-fn shifts(point: DVec3, lamp: u32) -> [u32; 4] {
+pub(super) fn shifts(point: DVec3, lamp: u32) -> [u32; 4] {
     let bits = point.to_array().map(|x| (x as f32).to_bits());
     let mut state = bits.into_iter().fold(mixed32(lamp), |state, bits| mixed32(state ^ bits));
     [0; 4].map(|_| {

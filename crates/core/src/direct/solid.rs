@@ -212,7 +212,7 @@ mod tests {
         let light = DirectLight::new(&Ranks::default(), facets, lamps, visibility, |i| scene.material(i))
             .expect("one rank");
         let floor = scene.meshes[0].range.clone();
-        floor.map(|i| light.factors(i as usize).iter().sum()).collect()
+        floor.map(|i| light.factors(i as usize).iter().map(|factor| factor.value).sum()).collect()
     }
 
     fn emitters(scene: &Scene) -> Vec<u32> {
@@ -233,7 +233,10 @@ mod tests {
                 let light = DirectLight::of_points(&facets, lamps, Visibility::Exact, |i| scene.material(i));
                 let at = |i: u32| {
                     let point = facets[i as usize].centroid;
-                    light.at_points(&facets, i as usize, &[point])[0].iter().sum::<DVec3>()
+                    light.at_points(&facets, i as usize, &[point])[0]
+                        .iter()
+                        .map(|(_, phi)| *phi)
+                        .sum::<DVec3>()
                 };
                 scene.meshes[0].range.clone().map(at).collect::<Vec<DVec3>>()
             });
@@ -267,7 +270,7 @@ mod tests {
         let floor = scene.meshes[0].range.end as usize;
         let loss = |facets: &[Facet]| -> f64 {
             let light = given.moved(facets).expect("one rank");
-            (0..floor).map(|i| weight(i) * light.factors(i)[0]).sum()
+            (0..floor).map(|i| weight(i) * light.factor(i, 0)).sum()
         };
         let cotangent = |receiver: usize, _: usize| if receiver < floor { weight(receiver) } else { 0.0 };
         let gradient = given.pull_back(&at, cotangent, |_| true).expect("one rank");

@@ -129,7 +129,7 @@ mod tests {
         let weight = |receiver: usize, lamp: usize| (1.0 + (receiver as f64).sin()) * [1.0, 40.0][lamp];
         let loss = |light: &DirectLight| -> f64 {
             let of = |i: usize| (0..2).map(move |l| (i, l));
-            (0..at.len()).flat_map(of).map(|(i, l)| weight(i, l) * light.factors(i)[l]).sum()
+            (0..at.len()).flat_map(of).map(|(i, l)| weight(i, l) * light.factor(i, l)).sum()
         };
         let gradient = given.pull_back(&at, weight, |_| true).expect("one rank");
         let mut by_vertex = vec![DVec3::ZERO; scene.vertices.len()];

@@ -13,6 +13,14 @@ pub struct Flat {
     pub normal: DVec3,
 }
 
+impl Flat {
+    /// Its area.
+    pub fn area(&self) -> f64 {
+        let [a, b, c] = self.corners;
+        0.5 * (b - a).cross(c - a).length()
+    }
+}
+
 impl From<&Facet> for Flat {
     fn from(&Facet { corners, normal, .. }: &Facet) -> Self {
         Self { corners, normal }
@@ -27,7 +35,7 @@ pub struct Surface {
     /// Area up to the end of each, as a share of the whole, in units of 2^-32.
     pub ends: Vec<u32>,
     /// Whether it goes along with each point that looks at it, as a sun does: its corners are then seen from the origin.
-    goes_along: bool,
+    pub(super) goes_along: bool,
 }
 
 /// Distance to suns, in sizes of the scene: beyond everything.
@@ -56,11 +64,10 @@ impl Surface {
                 fan(&corners, disc.normal())
             }
         };
-        let area = |Flat { corners: [a, b, c], .. }: &Flat| (*b - *a).cross(*c - *a).length();
-        let all: f64 = triangles.iter().map(area).sum();
+        let all: f64 = triangles.iter().map(Flat::area).sum();
         let mut sum = 0.0;
         let mut end = |triangle: &Flat| {
-            sum += area(triangle);
+            sum += triangle.area();
             (sum / all * 2f64.powi(32)) as u32
         };
         let mut ends: Vec<u32> = triangles.iter().map(&mut end).collect();

@@ -17,16 +17,18 @@ const BY_RAYS: usize = 500;
 /// Pairs of a triangle with clusters, about, and the error of these from which on rays are accurate enough.
 const CLUSTERS: usize = 4000;
 const COARSE: f64 = 0.002;
-/// Lamps up to which direct light is sampled unless stated, and numbers to hold: of each triangle and lamp, for glossy ones of each bin.
-const MOST_SAMPLED: usize = 1024;
+/// Lamps up to which direct light comes by rays unless stated, and numbers to hold: of each triangle and lamp, for glossy ones of each bin.
+const MOST_SAMPLED: usize = 20_000;
 const MOST_HELD: usize = 100_000_000;
+/// Lamps of which light arrives at a triangle, about, where rays are distributed over all of them.
+const MOST_AT_ONCE: usize = 256;
 
 /// How the light that comes straight from emitters is computed, and why.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LampsReport {
     /// Lamps with exact visibility: planar convex polygons, merged from triangles, and suns.
     pub exact: usize,
-    /// Lamps with visibility by rays where much stands in between.
+    /// Lamps with visibility by rays where much stands in between, or by rays that are distributed over all lamps.
     pub sampled: usize,
     /// Lamps in all, also those whose light takes part in U.
     pub emitters: usize,
@@ -70,14 +72,22 @@ pub(super) fn choose(
         (false, false) => all,
     };
     let moves = gradients.positions || gradients.camera;
+    let by_rays = |lamps: &[Lamp]| match lamps.len() > FEW_LAMPS {
+        true => Visibility::Distributed,
+        false => Visibility::Sampled,
+    };
     let sampled = |lamps: &[Lamp]| {
         let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
         let bins = Bins::new(settings.bins).count();
-        let held = lamps.len().saturating_mul(facets.len() + glossy * bins);
-        let few = lamps.len() <= MOST_SAMPLED && held <= MOST_HELD;
-        // Numbers of rays follow emission, but for exact shadows of dense blockers there is no time.
-        let by_emission = gradients.emission && !explicit;
-        (few && !moves && !by_emission).then_some(Visibility::Sampled)
+        let held = lamps.len().min(MOST_AT_ONCE) * (facets.len() + glossy * bins);
+        let possible = lamps.len() <= MOST_SAMPLED && held <= MOST_HELD && !moves;
+        let worthwhile = match by_rays(lamps) {
+            // Without shadows, light through U has no noise.
+            Visibility::Distributed => DirectLight::is_blocked(facets, lamps),
+            // Numbers of rays follow emission, but for exact shadows of dense blockers there is no time.
+            _ => !gradients.emission || explicit,
+        };
+        (possible && worthwhile).then(|| by_rays(lamps))
     };
     let auto = |lamps: &[Lamp]| {
         // Kernels do not know suns.
@@ -85,21 +95,21 @@ pub(super) fn choose(
         if lamps.is_empty() {
             return Some(Visibility::Exact);
         }
-        let by_rays = sampled(lamps);
-        if traced && by_rays.is_some() {
-            return by_rays;
+        let sampled = sampled(lamps);
+        if traced && sampled.is_some() {
+            return sampled;
         }
         if affordable(lamps, summed) {
             return Some(Visibility::Exact);
         }
         // With derivatives rather exactly than through bins, even where clusters make the solve fast.
         let slowly = || (summed < all && affordable(lamps, all)).then_some(Visibility::Exact);
-        by_rays.or_else(slowly)
+        sampled.or_else(slowly)
     };
     let visibility = match settings.lamps {
         Lamps::Exact => Some(Visibility::Exact),
         Lamps::Sampled if moves => return Err(PlanError::SampledLamps),
-        Lamps::Sampled => Some(Visibility::Sampled),
+        Lamps::Sampled => Some(by_rays(&lamps)),
         Lamps::Antiradiance => None,
         Lamps::Auto => auto(&lamps),
     };
@@ -162,6 +172,12 @@ impl Plan {
             (_, 0, Visibility::Exact) => {
                 format!("direct light of {} with exact visibility", lamps(self.emitters))
             }
+            (_, 0, Visibility::Distributed) => {
+                format!(
+                    "direct light of {} by rays that are distributed over all of them",
+                    lamps(self.emitters)
+                )
+            }
             (_, 0, Visibility::Sampled) if self.traces_lamps() => {
                 format!(
                     "direct light of {} with visibility by rays, which kernels trace",
@@ -178,8 +194,8 @@ impl Plan {
         if suns > 0 && through_bins > 0 {
             why += "; direct light of suns all the same";
         }
-        let count = |visibility| if self.visibility == visibility { self.lamps.len() } else { 0 };
-        let (exact, sampled) = (count(Visibility::Exact), count(Visibility::Sampled));
+        let all = self.lamps.len();
+        let (exact, sampled) = if self.visibility == Visibility::Exact { (all, 0) } else { (0, all) };
         LampsReport { exact, sampled, emitters: self.emitters, triangles, why }
     }
 }

@@ -372,10 +372,10 @@ impl Light {
                 irradiance += b * value;
                 by_corners[corner] += b * by_irradiance[k];
             }
-            for (l, (phi, radiance)) in light[k].iter().zip(&radiance).enumerate() {
-                irradiance += phi.dot(facet.normal) * *radiance;
+            for (l, phi) in light[k].iter().map(|(l, phi)| (*l as usize, phi)) {
+                irradiance += phi.dot(facet.normal) * radiance[l];
                 of.emission[l] += by_irradiance[k] * phi.dot(facet.normal);
-                own.normal += by_irradiance[k].dot(*radiance) * *phi;
+                own.normal += by_irradiance[k].dot(radiance[l]) * *phi;
             }
             of.reflectance += cotangent[k] * (shown(k)[0] * irradiance - means) / PI;
             of.means -= reflectance * cotangent[k];

@@ -288,7 +288,7 @@ impl Light {
     }
 
     fn sights(&self, view: &View, coverage: &Coverage) -> Result<Arc<Sights>, RankError> {
-        let (lamps, sight) = (self.direct.lamps().len(), self.sight(&view.camera));
+        let (lamps, sight) = (self.direct.lamps_of_point(), self.sight(&view.camera));
         view.sights.of(coverage.faces_in_pixels().collect(), &self.patterns, &sight, |seen| {
             let whole = Sights::new(&sight, seen.to_vec(), lamps);
             if self.is_smooth || !self.direct.has_sharp_shadows() {
@@ -381,7 +381,7 @@ impl Light {
             let of_points = at.iter().zip(light.iter());
             for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(of_points).enumerate() {
                 let direct: DVec3 =
-                    of_lamps.iter().zip(&radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum();
+                    of_lamps.iter().map(|(l, phi)| phi.dot(facet.normal) * radiance[*l as usize]).sum();
                 let b = barycentric(facet.corners, facet.normal, *point);
                 let indirect = corners[0] * b.x + corners[1] * b.y + corners[2] * b.z;
                 let shown = pattern.get(k).map_or(DVec3::ONE, |[of_albedo, _]| *of_albedo);

@@ -2,8 +2,7 @@
 
 use super::pattern::Spot;
 use crate::image::{FaceInPixel, View};
-use antirad_core::direct::DirectLight;
-use antirad_core::direct::barycentric;
+use antirad_core::direct::{DirectLight, PointLight, barycentric};
 use antirad_core::model::Facet;
 use antirad_gpu::GpuError;
 use antirad_scene::Patterns;
@@ -22,8 +21,8 @@ pub const RUNS: usize = 4096;
 /// Largest number of pairs of a point and a lamp to hold: 200 MB.
 const MOST_KEPT: usize = 8_000_000;
 
-/// Vector irradiance of each lamp at each point by its radiance, sr.
-pub type LampLight<'a> = Cow<'a, [Vec<DVec3>]>;
+/// The light of lamps at each point.
+pub type LampLight<'a> = Cow<'a, [PointLight]>;
 
 impl Points {
     /// The light of lamps at the points, computed unless held.
@@ -68,9 +67,9 @@ pub struct Points {
     pub of: Vec<usize>,
     /// Positions in the engine's coordinates.
     pub at: Vec<DVec3>,
-    /// Vector irradiance of each lamp at each point by its radiance, sr, once it has been asked for: a rank asks for that of its share of a
-    /// picture. `None` where that is too much to hold for a whole picture.
-    light: Option<Arc<OnceLock<Vec<Vec<DVec3>>>>>,
+    /// The light of lamps at each point, once it has been asked for: a rank asks for that of its share of a picture. `None` where that is too
+    /// much to hold for a whole picture.
+    light: Option<Arc<OnceLock<Vec<PointLight>>>>,
     /// Factors of albedo and emission around each point; empty if the face has no pattern.
     pub pattern: Vec<[DVec3; 2]>,
 }
@@ -115,7 +114,7 @@ pub struct Sights {
 }
 
 impl Sights {
-    /// The points of all faces seen. `lamps`: number of lamps, which decides whether their light can be held.
+    /// The points of all faces seen. `lamps`: of how many a point sees light, which decides whether it can be held.
     pub fn new(sight: &Sight, seen: Vec<FaceInPixel>, lamps: usize) -> Self {
         let held = seen.len().saturating_mul(lamps) <= MOST_KEPT;
         let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
@@ -225,7 +224,7 @@ mod tests {
             DirectLight::of_points(&facets, lamps(&scene, &facets, 1e-9), Visibility::Exact, material);
         let at = vec![facets[0].centroid, facets[0].corners[0]];
         let light = direct.at_points(&facets, 0, &at);
-        assert!(light[0][0].y > 0.1);
+        assert!(light[0][0].1.y > 0.1);
         for held in [true, false] {
             let (of, pattern) = (vec![0, 1], Vec::new());
             let points = Points { face: 0, of, at: at.clone(), light: held.then(Arc::default), pattern };

@@ -21,6 +21,9 @@ const COARSE_MESH: f64 = 0.1;
 const MOST_OF_THE_LIGHT: f64 = 0.04;
 const FAR_TOO_MUCH_LIGHT: f64 = 0.12;
 
+/// Rays from a point, where they are distributed over many lamps: several points tell the light of a quarter.
+const RAYS: u32 = 32;
+
 /// Points and weights within each quarter of a triangle, in barycentric coordinates.
 type Points<'a> = &'a [([f64; 3], f64)];
 
@@ -55,7 +58,7 @@ impl<'a> Reflected<'a> {
             .at_points(self.facets, triangle, &places)
             .iter()
             .map(|of_lamps| {
-                of_lamps.iter().zip(&self.radiance).map(|(phi, l)| phi.dot(facet.normal) * *l).sum()
+                of_lamps.iter().map(|(l, phi)| phi.dot(facet.normal) * self.radiance[*l as usize]).sum()
             })
             .collect();
         let mean = |quarter: &[DVec3]| -> DVec3 {
@@ -78,11 +81,9 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
         return Vec::new();
     }
     let facets = plan.facets();
-    let reflected = Reflected::new(
-        scene,
-        facets,
-        DirectLight::of_points(facets, plan.lamps().to_vec(), plan.visibility(), |i| scene.material(i)),
-    );
+    let light =
+        DirectLight::of_points(facets, plan.lamps().to_vec(), plan.visibility(), |i| scene.material(i));
+    let reflected = Reflected::new(scene, facets, light.with_rays(RAYS));
     let all: Vec<[f64; 2]> =
         (0..facets.len()).into_par_iter().map(|i| reflected.mean_and_variance(i, &POINTS)).collect();
     let square: f64 = all.iter().zip(facets).map(|([square, _], facet)| square * facet.area).sum();
@@ -178,7 +179,8 @@ pub fn too_coarse(scene: &Scene) -> bool {
     if (0..facets.len()).into_par_iter().any(|i| emitted.share(i) > FAR_TOO_MUCH_LIGHT) {
         return true;
     }
-    let unoccluded = Reflected::new(scene, &facets, DirectLight::without_shadows(&facets, lamps.clone()));
+    let light = DirectLight::of_points(&facets, lamps, visibility, |i| scene.material(i)).with_rays(RAYS);
+    let unoccluded = Reflected::new(scene, &facets, light.clone().unblocked(&facets));
     let squares: Vec<f64> = (0..facets.len())
         .into_par_iter()
         .map(|i| unoccluded.mean_and_variance(i, &CENTROIDS)[0] * facets[i].area)
@@ -187,11 +189,7 @@ pub fn too_coarse(scene: &Scene) -> bool {
     // A triangle of which one quarter alone is lit has a variance of three times its squared mean.
     let may_be_coarse = |i: &usize| 3.0 * squares[*i] > COARSE_TRIANGLE * COARSE_TRIANGLE * all;
     let candidates: Vec<usize> = (0..facets.len()).filter(may_be_coarse).collect();
-    let reflected = Reflected::new(
-        scene,
-        &facets,
-        DirectLight::of_points(&facets, lamps, visibility, |i| scene.material(i)),
-    );
+    let reflected = Reflected::new(scene, &facets, light);
     let found: Vec<[f64; 2]> = candidates
         .par_iter()
         .map(|&i| reflected.mean_and_variance(i, &CENTROIDS).map(|x| x * facets[i].area))
