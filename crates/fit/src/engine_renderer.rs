@@ -398,7 +398,9 @@ impl Renderer for EngineRenderer {
         let latest = match self.render(scene, params, Subject::Scene, self.request) {
             Err(RenderError::NoAnswer(reason)) if self.may_become_explicit() => {
                 tracing::warn!("{reason}");
-                tracing::warn!("antiradiance creates light among these blockers: the fit has explicit visibility");
+                tracing::warn!(
+                    "antiradiance creates light among these blockers: the fit has explicit visibility"
+                );
                 self.planning.settings.visibility = VisibilityChoice::Explicit;
                 self.retire();
                 self.render(scene, params, Subject::Scene, self.request)?
