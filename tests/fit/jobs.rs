@@ -414,6 +414,7 @@ fn results_are_files_that_are_the_same_every_time() {
         "parameters.json",
         "relight.toml",
         "report.json",
+        "scene.glb",
         "scene.mtl",
         "scene.toml",
         "scene_1.obj",
