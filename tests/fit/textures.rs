@@ -272,7 +272,7 @@ fn a_pattern_is_found_on_a_mesh_without_texture_coordinates() {
         let read = Scene::load(&path(name), &LoadOptions::default().orient(Orient::Keep)).expect("read");
         let read = Scene {
             cameras: outcome.scene.cameras.clone(),
-            settings: outcome.scene.settings.clone(),
+            settings: outcome.scene.settings,
             ..read
         };
         for (before, after) in
