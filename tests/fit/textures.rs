@@ -270,11 +270,7 @@ fn a_pattern_is_found_on_a_mesh_without_texture_coordinates() {
     export(&outcome.scene, Format::Gltf, &path("s.glb"), None).expect("written");
     for name in ["s.toml", "s.glb"] {
         let read = Scene::load(&path(name), &LoadOptions::default().orient(Orient::Keep)).expect("read");
-        let read = Scene {
-            cameras: outcome.scene.cameras.clone(),
-            settings: outcome.scene.settings,
-            ..read
-        };
+        let read = Scene { cameras: outcome.scene.cameras.clone(), settings: outcome.scene.settings, ..read };
         for (before, after) in
             outcome.pictures.iter().zip(pictures(&backend, &read, job.settings().supersample))
         {
