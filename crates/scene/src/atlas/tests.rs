@@ -43,7 +43,7 @@ fn check(scene: &Scene, size: [u32; 2], distortion: f64) -> Vec<u32> {
         chart.push(own);
     }
     let largest = densities.iter().copied().fold(0.0, f64::max);
-    let off = densities.iter().find(|density| !(**density >= distortion * largest));
+    let off = densities.iter().find(|density| density.is_nan() || **density < distortion * largest);
     assert!(off.is_none(), "{off:?} of {largest} texels per square metre");
     // No triangle lies over another.
     let corners: Vec<[DVec2; 3]> = atlas.uvs.iter().map(|uvs| uvs.map(|uv| uv * texels)).collect();
