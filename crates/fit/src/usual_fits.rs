@@ -26,8 +26,6 @@ pub(super) fn say_lamps(found: &[Candidate]) -> String {
 
 /// Columns and rows of a texture, at least and at most.
 const SIDES: [u32; 2] = [64, 512];
-/// Share of all pixels from which on a mesh without texture coordinates is large.
-const LARGE: f64 = 0.03;
 /// Pixels for each texel above which a texture over an atlas has twice the columns and rows.
 const MANY: u32 = 32;
 
@@ -42,8 +40,8 @@ enum Albedo {
 }
 
 /// Lamps and albedos of a scene, and what is assumed, in whole sentences: the emission of what emits or, where nothing does, of what may be a
-/// lamp; a texture for each mesh that has texture coordinates or is large in the pictures, lamps apart; one albedo for each other one, and
-/// for each triangle if there is one mesh alone.
+/// lamp; a texture for each mesh that has texture coordinates, or is alone, lamps apart; one albedo for each other one, and for each
+/// triangle where one mesh alone has no room in a texture.
 pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>, Vec<String>), String> {
     let mut assumed = Vec::new();
     let emits = |t: usize| scene.material(t).emission != [0.0; 3];
@@ -70,10 +68,9 @@ pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>,
         Fit::new(Quantity::Emission).materials(Some(emitters))
     };
     let shown = pixels(scene, targets);
-    let all: usize = targets.iter().map(|target| target.pixels.len()).sum();
     let meshes: Vec<&Mesh> = scene.meshes.iter().filter(|mesh| !mesh.range.is_empty()).collect();
     let albedos: Vec<Albedo> =
-        meshes.iter().map(|mesh| albedo(scene, mesh, &shown, LARGE * all as f64, &may_shine)).collect();
+        meshes.iter().map(|mesh| albedo(scene, mesh, meshes.len() == 1, &shown, &may_shine)).collect();
     let of = || meshes.iter().zip(&albedos);
 
     let mut fits = vec![light];
@@ -98,7 +95,7 @@ pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>,
     }
     if !sizes.is_empty() {
         assumed.push(format!(
-            "No [[fit]]: meshes without texture coordinates that fill 3 % of the pictures or more get some, and a texture: {}.",
+            "No [[fit]]: the mesh has no texture coordinates; it gets some, and a texture: {}.",
             sizes.join(", ")
         ));
     }
@@ -127,14 +124,15 @@ pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>,
     Ok((fits, assumed))
 }
 
-/// The usual albedos of a mesh, given the pixels that show each triangle, how many make it large, and which triangles may be lamps.
-fn albedo(scene: &Scene, mesh: &Mesh, shown: &[u32], large: f64, may_shine: &[bool]) -> Albedo {
+/// The usual albedos of a mesh, given whether there is no other, the pixels that show each triangle, and which triangles may be lamps. Where
+/// objects are meshes of their own, one albedo each is enough to start with, and quicker by far.
+fn albedo(scene: &Scene, mesh: &Mesh, is_alone: bool, shown: &[u32], may_shine: &[bool]) -> Albedo {
     if mesh.range.clone().all(|t| scene.patterns.uvs(t as usize).is_some()) {
         return Albedo::Mapped;
     }
     let triangles: Vec<u32> = mesh.range.clone().filter(|&t| !may_shine[t as usize]).collect();
     let pixels: u32 = triangles.iter().map(|&t| shown[t as usize]).sum();
-    if f64::from(pixels) < large || triangles.is_empty() {
+    if !is_alone || pixels == 0 || triangles.is_empty() {
         return Albedo::Even;
     }
     let [least, most] = SIDES;
