@@ -81,11 +81,12 @@ pub(super) fn choose(
         let bins = Bins::new(settings.bins).count();
         let held = lamps.len().min(MOST_AT_ONCE) * (facets.len() + glossy * bins);
         let possible = lamps.len() <= MOST_SAMPLED && held <= MOST_HELD && !moves;
+        // Numbers of rays follow emission, and fits take many pictures; but for exact shadows of dense blockers there is no time.
+        let wanted = !gradients.emission || explicit;
         let worthwhile = match by_rays(lamps) {
             // Without shadows, light through U has no noise.
-            Visibility::Distributed => DirectLight::is_blocked(facets, lamps),
-            // Numbers of rays follow emission, but for exact shadows of dense blockers there is no time.
-            _ => !gradients.emission || explicit,
+            Visibility::Distributed => wanted && DirectLight::is_blocked(facets, lamps),
+            _ => wanted,
         };
         (possible && worthwhile).then(|| by_rays(lamps))
     };
