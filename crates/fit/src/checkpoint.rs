@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8; 16] = b"antirad-fit-ckpt";
 /// Incremented whenever the stored layout changes.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 const FILE: &str = "checkpoint";
 const PREVIOUS: &str = "checkpoint.previous";
 /// Names of all files of a checkpoint.
@@ -172,14 +172,25 @@ impl Checkpoints {
         });
         written.map_err(|error| OutputError::new(&path, error.reason))?;
         let swap = || {
-            match fs::rename(&path, self.previous()) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-                _ => {}
-            }
-            // If killed here, only the previous one exists, and `read` uses it.
+            self.set_aside()?;
             fs::rename(&fresh, &path)
         };
         swap().map_err(|reason| OutputError::new(&path, reason))
+    }
+
+    /// Makes the current checkpoint the previous one, too, so that there is a current one at any time.
+    fn set_aside(&self) -> io::Result<()> {
+        let (path, previous) = (self.current(), self.previous());
+        let unless_absent = |done: io::Result<()>| match done {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        };
+        if !path.exists() {
+            return Ok(());
+        }
+        unless_absent(fs::remove_file(&previous))?;
+        // Not every file system has links. If killed after the renaming, only the previous one exists, and `read` uses it.
+        fs::hard_link(&path, &previous).or_else(|_| unless_absent(fs::rename(&path, &previous)))
     }
 
     /// The most recent state; `None` if there is none.
