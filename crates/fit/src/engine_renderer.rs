@@ -56,8 +56,10 @@ pub struct EngineRenderer {
     latest: Option<Latest>,
     /// Light with other vertices, to start from.
     start: Option<Solution>,
-    /// Whether a scene has had pictures, by whose visibility it stays.
+    /// Whether visibility stays as it is: a scene has had pictures by it.
     answered: bool,
+    /// Whether visibility has become explicit.
+    explicit: bool,
 }
 
 /// What pictures show.
@@ -123,6 +125,7 @@ impl EngineRenderer {
             latest: None,
             start: None,
             answered: false,
+            explicit: false,
         })
     }
 
@@ -231,6 +234,12 @@ impl EngineRenderer {
         let automatic = self.planning.settings.visibility == VisibilityChoice::Auto;
         let is_implicit = self.engine.as_ref().is_some_and(|engine| !engine.plan().transport().is_explicit());
         automatic && is_implicit && !self.answered && !self.independent && !self.request.positions
+    }
+
+    fn become_explicit(&mut self) {
+        self.explicit = true;
+        self.planning.settings.visibility = VisibilityChoice::Explicit;
+        self.retire();
     }
 
     /// Frees the memory of the engine before that of the next one is allocated, but for the light to start from, where there is room for
@@ -401,8 +410,7 @@ impl Renderer for EngineRenderer {
                 tracing::warn!(
                     "antiradiance creates light among these blockers: the fit has explicit visibility"
                 );
-                self.planning.settings.visibility = VisibilityChoice::Explicit;
-                self.retire();
+                self.become_explicit();
                 self.render(scene, params, Subject::Scene, self.request)?
             }
             latest => latest?,
@@ -500,6 +508,17 @@ impl Renderer for EngineRenderer {
             self.engine = Some(engine);
         }
         Ok(())
+    }
+
+    fn has_become_explicit(&self) -> bool {
+        self.explicit
+    }
+
+    fn keep_visibility(&mut self, explicit: bool) {
+        self.answered = true;
+        if explicit {
+            self.become_explicit();
+        }
     }
 
     fn passes(&self) -> u64 {

@@ -483,12 +483,7 @@ impl Job {
             }
         }
         if resumed_from.is_some() {
-            // What the renderer chooses for the first scene, it chooses as in the first run.
-            let start = self.problem.parameters.start();
-            match renderer.pictures(&self.problem.parameters.scene(start)) {
-                Err(RenderError::Interrupted) => return Err(before_the_first(RenderError::Interrupted)),
-                Ok(_) | Err(_) => renderer.forget(),
-            }
+            renderer.keep_visibility(progress.trail.is_explicit());
         }
         if resumed_from.is_none() && self.settings.scale_emission {
             let start = self.problem.parameters.start();

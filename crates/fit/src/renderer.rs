@@ -121,6 +121,14 @@ pub trait Renderer {
         Ok(())
     }
 
+    /// Whether visibility has become explicit, as the first scene had no solution otherwise.
+    fn has_become_explicit(&self) -> bool {
+        false
+    }
+
+    /// Keeps visibility as it was in an earlier run: explicit if it had become so.
+    fn keep_visibility(&mut self, _explicit: bool) {}
+
     /// Passes (applications of U) so far.
     fn passes(&self) -> u64;
 }

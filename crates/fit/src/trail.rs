@@ -16,6 +16,8 @@ pub struct Trail {
     chosen_before: Option<Vec<f64>>,
     /// The point for which clusters have been chosen by now.
     chosen: Option<Vec<f64>>,
+    /// Whether visibility has become explicit.
+    explicit: bool,
 }
 
 impl Trail {
@@ -35,6 +37,11 @@ impl Trail {
             unless_without_answer(renderer.pictures(&problem.parameters.scene(x)).map(drop))?;
         }
         Ok(())
+    }
+
+    /// Whether visibility has become explicit.
+    pub fn is_explicit(&self) -> bool {
+        self.explicit
     }
 
     /// Whether it is time to start from darkness again.
@@ -58,6 +65,7 @@ impl Trail {
     ) -> T {
         let choices = renderer.choices();
         let done = work(renderer);
+        self.explicit = renderer.has_become_explicit();
         if stays {
             self.points.push(x.to_vec());
         }
