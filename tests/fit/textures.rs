@@ -10,7 +10,7 @@ use antirad::fit::{
 };
 use antirad::image::Picture;
 use antirad::render::Quantity;
-use antirad::scene::{BinLayout, Camera, LoadOptions, Material, Orient, Scene, SceneBuilder, Shape};
+use antirad::scene::{BinLayout, Camera, LoadOptions, Material, Mesh, Orient, Scene, SceneBuilder, Shape};
 use glam::{DAffine3, DVec3};
 use std::fmt::Write;
 use std::ops::ControlFlow;
@@ -294,23 +294,35 @@ fn a_texture_needs_room_for_its_charts() {
     }
 }
 
-/// What a job of pictures fits if it does not say: what is large in them gets a texture.
+/// What a job of pictures fits if it does not say: one albedo for each mesh; a texture over all but lamps if there is one mesh alone.
 #[test]
-fn large_meshes_get_textures() {
-    let truth = two_tones([0.2, 0.7]);
-    let folder = tempfile::tempdir().expect("a folder");
-    truth.save(&folder.path().join("s.toml")).expect("written");
-    let pixels = vec![[0.5, 0.5, 0.5, 1.0]; 64 * 48];
-    Picture { width: 64, height: 48, pixels }.write_exr(folder.path().join("a.exr")).expect("written");
-    // From above, the lamp aside.
-    let frames = r#"{ "fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "frames": [{ "file_path": "a.exr",
-        "transform_matrix": [[1, 0, 0, 0.5], [0, 0, 1, 4], [0, -1, 0, 0.5], [0, 0, 0, 1]] }] }"#;
-    std::fs::write(folder.path().join("transforms.json"), frames).expect("written");
-    let path = folder.path().join("job.toml");
-    std::fs::write(&path, "scene = \"s.toml\"\n[[target]]\ncameras = \"transforms.json\"\n")
-        .expect("written");
-    let file = JobFile::load(&path).unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!(file.job.problem().parameters.paintings().len(), 2, "{:?}", file.warnings);
-    let said = file.warnings.iter().any(|warning| warning.contains("box (64 x 64), floor (64 x 64)"));
-    assert!(said, "{:?}", file.warnings);
+fn a_mesh_that_is_alone_gets_a_texture() {
+    let objects = two_tones([0.2, 0.7]);
+    let mut alone = objects.clone();
+    let all = 0..objects.triangles.len() as u32;
+    alone.meshes = vec![Mesh { name: "room".into(), range: all.clone() }];
+    alone.origins.truncate(1);
+    let lamps = all.filter(|&t| objects.material(t as usize).emission != [0.0; 3]).count();
+    assert!(lamps > 0 && objects.meshes.len() == 3);
+    for (scene, textures, said) in [
+        (&objects, vec![], "each other mesh has one albedo"),
+        (&alone, vec![objects.triangles.len() - lamps], "gets some, and a texture: room (64 x 64)"),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        scene.save(&folder.path().join("s.toml")).expect("written");
+        let pixels = vec![[0.5, 0.5, 0.5, 1.0]; 64 * 48];
+        Picture { width: 64, height: 48, pixels }.write_exr(folder.path().join("a.exr")).expect("written");
+        // From above, the lamp aside.
+        let frames = r#"{ "fl_x": 60, "fl_y": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "frames": [{ "file_path": "a.exr",
+            "transform_matrix": [[1, 0, 0, 0.5], [0, 0, 1, 4], [0, -1, 0, 0.5], [0, 0, 0, 1]] }] }"#;
+        std::fs::write(folder.path().join("transforms.json"), frames).expect("written");
+        let path = folder.path().join("job.toml");
+        std::fs::write(&path, "scene = \"s.toml\"\n[[target]]\ncameras = \"transforms.json\"\n")
+            .expect("written");
+        let file = JobFile::load(&path).unwrap_or_else(|error| panic!("{error}"));
+        let paintings = file.job.problem().parameters.paintings();
+        let sizes: Vec<usize> = paintings.iter().map(|painting| painting.triangles().len()).collect();
+        assert_eq!(sizes, textures, "{:?}", file.warnings);
+        assert!(file.warnings.iter().any(|warning| warning.contains(said)), "{:?}", file.warnings);
+    }
 }

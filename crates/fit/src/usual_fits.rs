@@ -29,16 +29,6 @@ const SIDES: [u32; 2] = [64, 512];
 /// Pixels for each texel above which a texture over an atlas has twice the columns and rows.
 const MANY: u32 = 32;
 
-/// The albedos that are fitted of one mesh.
-enum Albedo {
-    /// A texture over its texture coordinates.
-    Mapped,
-    /// A texture of such columns and rows over an atlas of all triangles but lamps.
-    Atlas(u32, Vec<u32>),
-    /// One value.
-    Even,
-}
-
 /// Lamps and albedos of a scene, and what is assumed, in whole sentences: the emission of what emits or, where nothing does, of what may be a
 /// lamp; a texture for each mesh that has texture coordinates, or is alone, lamps apart; one albedo for each other one, and for each
 /// triangle where one mesh alone has no room in a texture.
@@ -67,78 +57,64 @@ pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>,
         ));
         Fit::new(Quantity::Emission).materials(Some(emitters))
     };
-    let shown = pixels(scene, targets);
-    let meshes: Vec<&Mesh> = scene.meshes.iter().filter(|mesh| !mesh.range.is_empty()).collect();
-    let albedos: Vec<Albedo> =
-        meshes.iter().map(|mesh| albedo(scene, mesh, meshes.len() == 1, &shown, &may_shine)).collect();
-    let of = || meshes.iter().zip(&albedos);
-
     let mut fits = vec![light];
-    let mapped: Vec<String> = of()
-        .filter(|(_, albedo)| matches!(albedo, Albedo::Mapped))
-        .map(|(mesh, _)| mesh.name.clone())
-        .collect();
+    let meshes: Vec<&Mesh> = scene.meshes.iter().filter(|mesh| !mesh.range.is_empty()).collect();
+    let is_mapped = |mesh: &&&Mesh| mesh.range.clone().all(|t| scene.patterns.uvs(t as usize).is_some());
+    let (mapped, plain): (Vec<&Mesh>, Vec<&Mesh>) = meshes.iter().partition(is_mapped);
+    let names = |meshes: &[&Mesh]| meshes.iter().map(|mesh| mesh.name.clone()).collect::<Vec<_>>();
     if !mapped.is_empty() {
+        let names = names(&mapped);
         assumed.push(format!(
             "No [[fit]]: meshes with texture coordinates get a texture of 64 x 64 texels: {}.",
-            mapped.join(", ")
+            names.join(", ")
         ));
-        fits.push(Fit::new(Quantity::Albedo).per(Per::Texel).meshes(Some(mapped)));
+        fits.push(Fit::new(Quantity::Albedo).per(Per::Texel).meshes(Some(names)));
     }
-    let mut sizes = Vec::new();
-    for (mesh, albedo) in of() {
-        if let Albedo::Atlas(side, triangles) = albedo {
-            let groups = Some(vec![(mesh.name.clone(), triangles.clone())]);
-            fits.push(Fit::new(Quantity::Albedo).per(Per::Texel).resolution(Some(*side)).groups(groups));
-            sizes.push(format!("{} ({side} x {side})", mesh.name));
-        }
-    }
-    if !sizes.is_empty() {
+    // Where objects are meshes of their own, one albedo each is enough to start with, and quicker by far.
+    let alone = if let ([mesh], 1) = (&plain[..], meshes.len()) { Some(*mesh) } else { None };
+    if let Some((mesh, atlas)) = alone.and_then(|mesh| Some((mesh, atlas(scene, mesh, targets, &may_shine)?)))
+    {
+        let (side, name) = (atlas.side, &mesh.name);
         assumed.push(format!(
-            "No [[fit]]: the mesh has no texture coordinates; it gets some, and a texture: {}.",
-            sizes.join(", ")
+            "No [[fit]]: the mesh has no texture coordinates; it gets some, and a texture: {name} ({side} x {side})."
         ));
-    }
-    let plain: Vec<String> = of()
-        .filter(|(_, albedo)| matches!(albedo, Albedo::Even))
-        .map(|(mesh, _)| mesh.name.clone())
-        .collect();
-    if !plain.is_empty() {
-        let alone = scene.meshes.len() == 1;
-        let (per, each) = if alone { (Per::Triangle, "triangle") } else { (Per::Mesh, "other mesh") };
+        let on = |name: String, triangles| Fit::new(Quantity::Albedo).groups(Some(vec![(name, triangles)]));
+        fits.push(on(name.clone(), atlas.triangles).per(Per::Texel).resolution(Some(side)));
+        if !atlas.lamps.is_empty() {
+            fits.push(on(format!("lamps of {name}"), atlas.lamps).per(Per::Mesh));
+        }
+    } else if !plain.is_empty() {
+        let (per, each) =
+            if alone.is_some() { (Per::Triangle, "triangle") } else { (Per::Mesh, "other mesh") };
         assumed.push(format!(
             "No [[fit]]: each {each} has one albedo. `objects = true` of a mesh tells its objects apart."
         ));
-        fits.push(Fit::new(Quantity::Albedo).per(per).meshes(Some(plain)));
-    }
-    // What an atlas leaves out.
-    let lamps_of = |mesh: &Mesh| mesh.range.clone().filter(|&t| may_shine[t as usize]).collect::<Vec<u32>>();
-    let left: Vec<(String, Vec<u32>)> = of()
-        .filter(|(_, albedo)| matches!(albedo, Albedo::Atlas(..)))
-        .map(|(mesh, _)| (format!("lamps of {}", mesh.name), lamps_of(mesh)))
-        .filter(|(_, lamps)| !lamps.is_empty())
-        .collect();
-    if !left.is_empty() {
-        fits.push(Fit::new(Quantity::Albedo).per(Per::Mesh).groups(Some(left)));
+        fits.push(Fit::new(Quantity::Albedo).per(per).meshes(Some(names(&plain))));
     }
     Ok((fits, assumed))
 }
 
-/// The usual albedos of a mesh, given whether there is no other, the pixels that show each triangle, and which triangles may be lamps. Where
-/// objects are meshes of their own, one albedo each is enough to start with, and quicker by far.
-fn albedo(scene: &Scene, mesh: &Mesh, is_alone: bool, shown: &[u32], may_shine: &[bool]) -> Albedo {
-    if mesh.range.clone().all(|t| scene.patterns.uvs(t as usize).is_some()) {
-        return Albedo::Mapped;
-    }
-    let triangles: Vec<u32> = mesh.range.clone().filter(|&t| !may_shine[t as usize]).collect();
+/// A texture over an atlas of a mesh.
+struct Atlas {
+    /// Columns and rows.
+    side: u32,
+    triangles: Vec<u32>,
+    /// Triangles that it leaves out.
+    lamps: Vec<u32>,
+}
+
+/// The usual atlas of a mesh, given which triangles may be lamps; `None` where a texture would show no more than an albedo for each triangle.
+fn atlas(scene: &Scene, mesh: &Mesh, targets: &[Target], may_shine: &[bool]) -> Option<Atlas> {
+    let (lamps, triangles): (Vec<u32>, Vec<u32>) = mesh.range.clone().partition(|&t| may_shine[t as usize]);
+    let shown = pixels(scene, targets);
     let pixels: u32 = triangles.iter().map(|&t| shown[t as usize]).sum();
-    if !is_alone || pixels == 0 || triangles.is_empty() {
-        return Albedo::Even;
+    if pixels == 0 {
+        return None;
     }
     let [least, most] = SIDES;
     let seen = std::iter::successors(Some(least), |side| Some(2 * side))
         .find(|side| *side >= most || MANY * side * side >= pixels);
-    // Of a surface in many small charts a texture shows no more than an albedo for each triangle.
+    // Surfaces in many small charts need the more texels.
     let side = seen.unwrap_or(most).max(2 * scene.least_atlas(&triangles));
-    if side <= most { Albedo::Atlas(side, triangles) } else { Albedo::Even }
+    (side <= most).then_some(Atlas { side, triangles, lamps })
 }
