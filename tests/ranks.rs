@@ -121,70 +121,118 @@ fn room_of_glossy_walls() -> Scene {
     scene
 }
 
+/// A scene for which each rank holds the bins of its own triangles.
+struct Case<'a> {
+    name: &'a str,
+    scene: &'a Scene,
+    transport: Transport,
+    /// Close pairs are kept, in place of evaluated in each pass.
+    keep: bool,
+    gradients: GradientRequest,
+    /// What makes states stay in host memory.
+    budget: Option<u64>,
+    ranks: usize,
+    /// Results are compared with those of another run.
+    twice: bool,
+}
+
 /// Each rank holds the bins of its own triangles, on its device or where these do not fit in host memory, and all see those of the others
 /// pass by: the same light and gradients as on one device but for the rounding of sums, and from run to run the same bytes.
-#[test]
-fn ranks_hold_their_own_states() {
-    let boxes = load("scenes/cornell_boxes.toml");
-    let plain = random_scene(4, 150, false, false);
-    let glossy = with_own_powers(random_scene(5, 150, true, false));
-    let balls = balls_on_a_glossy_floor();
-    let walls = room_of_glossy_walls();
-    let (everything, nothing) = (GradientRequest::EVERYTHING, GradientRequest::NOTHING);
-    let few = nothing.emission(true).positions(true);
-    let by_materials = nothing.emission(true).albedo(true).specular(true);
-    let mut rays = glossy.clone();
-    rays.settings = rays.settings.visibility(VisibilityChoice::Explicit);
-    // Close pairs kept and evaluated, triangles and clusters, no lobes and lobes.
-    for (name, scene, transport, keep, gradients, budget, count) in [
-        ("plain", &plain, Transport::Exact, true, few, None, 3),
-        ("glossy", &glossy, Transport::Exact, true, everything, None, 4),
-        ("glossy, by rays", &rays, Transport::Exact, true, by_materials, None, 3),
-        ("glossy walls", &walls, Transport::Exact, false, everything, None, 3),
-        ("balls", &balls, clusters(0.1), false, nothing, None, 3),
-        ("boxes", &boxes, clusters(0.1), true, few, None, 2),
-        ("glossy, on the host", &glossy, Transport::Exact, false, everything, Some(1 << 20), 3),
-        ("boxes, on the host", &boxes, clusters(0.1), false, few, Some(7 << 20), 2),
-    ] {
-        let settings = scene.settings.tolerance(0.1).transport(transport);
-        // What holds of few bins holds of many; the budgets are for the usual ones.
-        let settings = match budget {
-            None => settings.bins(BinLayout::EqualAngle { theta: 4, phi: 6 }).near_field(10.0),
-            Some(_) => settings,
-        };
-        let solved = |backend: &Backend, budget: Option<u64>| {
-            let options = PlanOptions::of(backend).keep_near_field(keep).tile(32).gradients(gradients);
-            let options = budget.map_or(options, |budget| options.memory_budget(budget));
-            found(backend, scene, &settings, options)
-        };
-        // The CPU has no states elsewhere.
-        for kind in BOTH.into_iter().filter(|kind| budget.is_none() || *kind == BackendKind::Vulkan) {
-            let name = &format!("{name}, {kind}");
-            let alone = solved(&open(kind, None), budget);
-            assert_eq!(alone.on_host, budget.is_some(), "{name}");
-            if budget.is_some() {
-                let resident = solved(&open(kind, None), None);
-                assert!(!resident.on_host, "{name}");
-                // Groups, and with them clusters, depend on the windows.
-                let factor = if transport == Transport::Exact { 1.0 } else { 1e3 };
-                close_to(name, &alone.values, &resident.values, factor);
-            }
-            let several = on_ranks(kind, count, |backend| solved(backend, budget));
-            if name.starts_with("glossy, ") && !name.contains("rays") {
-                assert!(
-                    on_ranks(kind, count, |backend| solved(backend, budget)) == several,
-                    "{name}: another run"
-                );
-            }
-            for (rank, (found, received)) in several.iter().enumerate() {
-                let share = found.held as f64 / alone.held as f64;
-                println!("{name}, rank {rank} of {count}: holds {share:.3}, received {received}");
-                assert_eq!(found.on_host, budget.is_some(), "{name}");
-                close_to(name, &found.values, &alone.values, 1.0);
-                assert!(*received > 0, "{name}: rank {rank} of {count}");
-            }
+fn each_holds_its_own(case: &Case) {
+    let Case { scene, transport, keep, gradients, budget, ranks, .. } = *case;
+    // What holds of few bins holds of many.
+    let settings = scene.settings.tolerance(0.1).transport(transport).near_field(10.0);
+    let settings = settings.bins(BinLayout::EqualAngle { theta: 4, phi: 6 });
+    let solved = |backend: &Backend, budget: Option<u64>| {
+        let options = PlanOptions::of(backend).keep_near_field(keep).tile(32).gradients(gradients);
+        let options = budget.map_or(options, |budget| options.memory_budget(budget));
+        found(backend, scene, &settings, options)
+    };
+    // The CPU has no states elsewhere.
+    for kind in BOTH.into_iter().filter(|kind| budget.is_none() || *kind == BackendKind::Vulkan) {
+        let name = &format!("{}, {kind}", case.name);
+        let alone = solved(&open(kind, None), budget);
+        assert_eq!(alone.on_host, budget.is_some(), "{name}");
+        if budget.is_some() {
+            let resident = solved(&open(kind, None), None);
+            assert!(!resident.on_host, "{name}");
+            // Groups, and with them clusters, depend on the windows.
+            let factor = if transport == Transport::Exact { 1.0 } else { 1e3 };
+            close_to(name, &alone.values, &resident.values, factor);
+        }
+        let several = on_ranks(kind, ranks, |backend| solved(backend, budget));
+        if case.twice {
+            let again = on_ranks(kind, ranks, |backend| solved(backend, budget));
+            assert!(again == several, "{name}: another run");
+        }
+        for (rank, (found, received)) in several.iter().enumerate() {
+            let share = found.held as f64 / alone.held as f64;
+            println!("{name}, rank {rank} of {ranks}: holds {share:.3}, received {received}");
+            assert_eq!(found.on_host, budget.is_some(), "{name}");
+            close_to(name, &found.values, &alone.values, 1.0);
+            assert!(*received > 0, "{name}: rank {rank} of {ranks}");
         }
     }
+}
+
+const NOTHING: GradientRequest = GradientRequest::NOTHING;
+
+/// 150 triangles anywhere, glossy ones of own powers among them.
+fn glossy() -> Scene {
+    with_own_powers(random_scene(5, 150, true, false))
+}
+
+/// A case by the exact sum that keeps its close pairs, without gradients, on three devices.
+fn case<'a>(name: &'a str, scene: &'a Scene) -> Case<'a> {
+    let (transport, gradients) = (Transport::Exact, NOTHING);
+    Case { name, scene, transport, keep: true, gradients, budget: None, ranks: 3, twice: false }
+}
+
+#[test]
+fn ranks_hold_their_own_states() {
+    let (plain, walls, glossy) = (random_scene(4, 150, false, false), room_of_glossy_walls(), glossy());
+    let mut rays = glossy.clone();
+    rays.settings = rays.settings.visibility(VisibilityChoice::Explicit);
+    let by_materials = NOTHING.emission(true).albedo(true).specular(true);
+    let everything = GradientRequest::EVERYTHING;
+    let few = NOTHING.emission(true).positions(true);
+    each_holds_its_own(&Case { gradients: few, ..case("plain", &plain) });
+    each_holds_its_own(&Case { gradients: everything, ranks: 4, twice: true, ..case("glossy", &glossy) });
+    each_holds_its_own(&Case { gradients: by_materials, ..case("glossy, by rays", &rays) });
+    each_holds_its_own(&Case { gradients: everything, keep: false, ..case("glossy walls", &walls) });
+}
+
+#[test]
+fn ranks_hold_their_own_clusters() {
+    let (boxes, balls) = (load("scenes/cornell_boxes.toml"), balls_on_a_glossy_floor());
+    let transport = clusters(0.1);
+    let few = NOTHING.emission(true).positions(true);
+    each_holds_its_own(&Case { transport, keep: false, ..case("balls", &balls) });
+    each_holds_its_own(&Case { transport, gradients: few, ranks: 2, ..case("boxes", &boxes) });
+}
+
+#[test]
+fn ranks_hold_their_own_states_on_the_host() {
+    let (boxes, glossy) = (load("scenes/cornell_boxes.toml"), glossy());
+    let everything = GradientRequest::EVERYTHING;
+    let few = NOTHING.emission(true).positions(true);
+    let stated = case("glossy, on the host", &glossy);
+    each_holds_its_own(&Case {
+        gradients: everything,
+        keep: false,
+        budget: Some(500_000),
+        twice: true,
+        ..stated
+    });
+    let (transport, stated) = (clusters(0.1), case("boxes, on the host", &boxes));
+    each_holds_its_own(&Case {
+        transport,
+        gradients: few,
+        keep: false,
+        budget: Some(3_000_000),
+        ranks: 2,
+        ..stated
+    });
 }
 
 /// Together ranks hold each state once, on devices and on the host, and irradiance each; beside it, on devices, one window, of about as much as

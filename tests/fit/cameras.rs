@@ -2,7 +2,7 @@
 
 use crate::scenes::{coarse, of, watch};
 use crate::support::{backend, finish};
-use antirad::backend::Backend;
+use antirad::backend::{Backend, BackendKind};
 use antirad::fit::{
     EngineRenderer, Fit, Job, OnCheckpoint, Renderer, RunOptions, Settings, StopRule, Target,
 };
@@ -86,10 +86,16 @@ fn cameras_are_found_beside_materials() {
     });
     let outcome = outcome.expect("an outcome");
     let found = |name: &str| outcome.scene.camera(name).expect("a camera");
+    // The loss hardly changes along a move with a turn that hides it, less than by the samples of edges: where in this valley no lower loss is
+    // found depends on rounding.
+    let metres = match backend.kind() {
+        BackendKind::Cpu => 1e-3,
+        BackendKind::Vulkan => 4e-3,
+    };
     for camera in &scene.cameras[..2] {
         let (way, angle) = apart(found(&camera.name), camera);
         println!("{}: {:.2} mm, {angle:.4} degrees", camera.name, 1e3 * way);
-        assert!(way <= 1e-3 && angle <= 0.05, "{}: {way} m, {angle} degrees", camera.name);
+        assert!(way <= metres && angle <= 0.05, "{}: {way} m, {angle} degrees", camera.name);
     }
     let names: Vec<&str> = outcome.scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
     assert_eq!(names, ["one", "other", "shadow"]);

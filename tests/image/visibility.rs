@@ -128,7 +128,7 @@ fn bands_do_not_show() {
             square(0.4, 0.2),
             grid(2, 2, |x, y| DVec3::new(1.2 * x - 1.5, 0.7 * y - 0.5, 0.3 * x - 1.0)),
         ]);
-        let camera = Camera { up: DVec3::new(0.2, 1.0, 0.0), ..above(1001, 333) };
+        let camera = Camera { up: DVec3::new(0.2, 1.0, 0.0), ..above(1001, 167) };
         assert!(compare(rasterizer, &scene, &camera, 4) < 0.01);
 
         let options = PictureOptions::default().supersample(4);
