@@ -153,6 +153,18 @@ fn only_files_with_too_many_triangles_are_simplified() {
 }
 
 #[test]
+fn small_objects_do_not_vanish() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let crumb = "o crumb\nusemtl red\nv 2 1 1\nv 2.001 1 1\nv 2 1.001 1\nv 2 1 1.001\nf -4 -2 -3\nf -4 -3 -1\nf -4 -1 -2\nf -3 -2 -1\n";
+    let scene = load(folder.path(), &(rough_room() + crumb), "simplify = 600").expect("a scene");
+    let last = scene.meshes.last().expect("meshes");
+    assert!(last.name == "crumb" && !last.range.is_empty(), "{last:?}");
+    let (given, rows) = scene.with_given_meshes().expect("simplified meshes");
+    assert_eq!(given.meshes.last().map(|mesh| mesh.range.len()), Some(4));
+    assert!(rows[rows.len() - 4..].iter().all(|row| last.range.contains(row)));
+}
+
+#[test]
 fn seams_of_texture_coordinates_stay() {
     // A sheet of 40 x 40 cells, whose halves have charts of their own, and nothing that is no number.
     let n = 40;
