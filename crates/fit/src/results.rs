@@ -10,7 +10,7 @@ use antirad_core::plan::GradientRequest;
 use antirad_render::export::{Format, export};
 use antirad_render::image::Picture;
 use antirad_render::render::Quantity;
-use antirad_scene::free_name;
+use antirad_scene::{Scene, free_name};
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -20,8 +20,9 @@ use std::slice::from_ref;
 
 /// Name of the fitted scene's files.
 const SCENE: &str = "scene.toml";
-/// The same for other programs.
+/// The same for other programs, and which of its triangles is on which of the scene's, where meshes were simplified.
 const GLTF: &str = "scene.glb";
+const GIVEN: &str = "given.npy";
 /// Factors of its lamps.
 const LAMPS: &str = "relight.toml";
 /// Written last: if it exists, so do all others.
@@ -48,7 +49,9 @@ pub struct Circumstances {
 /// are the same, byte for byte, for the same job.
 ///
 /// - `scene.toml` with OBJ and MTL: the fitted scene, for [`Scene::load`](antirad_scene::Scene::load).
-/// - `scene.glb`: the same with its textures as binary glTF, for Blender and others.
+/// - `scene.glb`: the same with its textures as binary glTF, for Blender and others; meshes that were simplified are as given, unless
+///   their vertices are fitted.
+/// - `given.npy`, if meshes were simplified: int64, for each triangle of `scene.glb` in order of meshes, its row in the other arrays.
 /// - `relight.toml`: a factor of 1 for each of its lamps, for `antirad render scene.toml --relight relight.toml` and
 ///   [`LampFactor::read`](antirad_scene::LampFactor::read).
 /// - `parameters.json`: every fitted value with its initial value, unit, and whether it is at a bound.
@@ -64,7 +67,7 @@ pub struct Circumstances {
 /// Fails if a file cannot be written.
 pub fn write(directory: &Path, job: &Job, outcome: &Outcome, about: &Circumstances) -> Result<(), FitError> {
     let textures = outcome.scene.save(&directory.join(SCENE))?;
-    export(&outcome.scene, Format::Gltf, &directory.join(GLTF), None)?;
+    write_given(directory, &outcome.scene, job.problem().parameters.gradient_request().positions)?;
     outcome.scene.save_lamps(&directory.join(LAMPS))?;
     write_json(&directory.join("parameters.json"), &outcome.recovered)?;
     write_arrays(directory, job.problem().parameters.gradient_request(), outcome)?;
@@ -115,6 +118,17 @@ pub fn view_names(job: &Job) -> Vec<String> {
         free_name(&name, |name| taken.insert(name.to_owned()))
     };
     job.problem().targets.iter().map(|t| t.camera.name.as_str()).map(name).collect()
+}
+
+/// The scene for other programs, on the meshes as given unless vertices moved.
+fn write_given(directory: &Path, scene: &Scene, moved: bool) -> Result<(), OutputError> {
+    let given = if moved { None } else { scene.with_given_meshes() };
+    if let Some((_, rows)) = &given {
+        let rows = rows.iter().map(|&row| i64::from(row));
+        write_array(&directory.join(GIVEN), &[rows.len() as u64], rows)?;
+    }
+    let scene = given.as_ref().map_or(scene, |(scene, _)| scene);
+    export(scene, Format::Gltf, &directory.join(GLTF), None)
 }
 
 fn write_arrays(directory: &Path, fitted: GradientRequest, outcome: &Outcome) -> Result<(), OutputError> {

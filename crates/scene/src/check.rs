@@ -45,6 +45,7 @@ impl Scene {
             degenerate: Vec::new(),
             creases: Vec::new(),
             warnings: Vec::new(),
+            given: None,
         };
         scene.check(false)?;
         Ok(scene)

@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::assembly::{Assembly, Mending, Snap};
+use super::assembly::{Assembly, Mending, Most, Snap};
 use super::error::{Place, SceneError};
 use super::geometry::{Placement, RawMesh};
 use super::mesh_file::{self, Contents};
@@ -31,11 +31,14 @@ pub struct LoadOptions {
     /// Metres. Within this distance mesh files are made for light, as scans need it: walls become planes, gaps close, and lamps become
     /// planar or convex; `snap` of a `[[mesh]]` takes precedence. A few times the error of a vertex.
     pub snap: Option<f64>,
+    /// Most triangles of a mesh file: one with more is [simplified](Scene::with_given_meshes), 0 for none; `simplify` of a `[[mesh]]` takes
+    /// precedence. By default, 10 000 for meshes that are snapped.
+    pub simplify: Option<u32>,
     /// The sky, in place of one that the file gives.
     pub sky: Option<Sky>,
 }
 
-setters!(LoadOptions { strict: bool, orient: Orient, two_sided: bool, snap: Option<f64>, sky: Option<Sky> });
+setters!(LoadOptions { strict: bool, orient: Orient, two_sided: bool, snap: Option<f64>, simplify: Option<u32>, sky: Option<Sky> });
 
 /// Which way the faces of a mesh face.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -73,6 +76,7 @@ impl Scene {
     /// orient = "auto"                # or "keep": do not turn faces that disagree with their closed shell
     /// # objects = true               # each object of the file is a mesh by its name
     /// # snap = 0.01                  # metres: walls of a scan become planes, gaps close, lamps become planar or convex
+    /// # simplify = 10000             # most triangles of the file; 0 keeps all, the default without `snap`
     ///
     /// [material.white]               # overrides the MTL, or defines a material from black
     /// diffuse = 1                    # δ
@@ -124,10 +128,12 @@ impl Scene {
             Some(known) if mesh_file::EXTENSIONS.contains(&known) => {
                 let Contents { meshes, cameras, sky, suns } =
                     mesh_file::read(path, options.strict, &|_| false, assembly.warnings())?;
+                let snap = assembly.snap(options)?;
                 let mending = Mending {
                     orient: options.orient,
                     two_sided: None,
-                    snap: assembly.snap(options)?,
+                    snap,
+                    most: Most::new(options.simplify, snap.is_some()),
                     objects: false,
                 };
                 for (name, mut mesh) in meshes {
@@ -183,7 +189,11 @@ impl TomlFile<'_> {
                 None => assembly.snap(options)?,
             };
             let (orient, objects) = (table.orient.unwrap_or(usual), table.objects.unwrap_or(false));
-            let mending = Mending { orient, two_sided: table.two_sided, snap, objects };
+            let most = match table.shape {
+                Some(_) => Most::new(table.simplify, false),
+                None => Most::new(table.simplify.or(options.simplify), snap.is_some()),
+            };
+            let mending = Mending { orient, two_sided: table.two_sided, snap, most, objects };
             assembly.add_mesh(table.name.clone().unwrap_or(default_name), &file, mesh, mending, place)?;
         }
         for (name, _) in materials {

@@ -22,6 +22,7 @@ mod error;
 mod file;
 mod free_name;
 mod geometry;
+mod given;
 mod gltf_file;
 mod material;
 mod mesh_file;
@@ -43,6 +44,7 @@ mod save;
 mod second_side;
 mod settings;
 mod shapes;
+mod simplify;
 mod size;
 mod sky;
 mod snap;
@@ -63,6 +65,7 @@ pub use camera::Camera;
 pub use cameras::{CameraSet, Distortion, Focal, Frame, Intrinsics, Lens, Projection, Similarity};
 pub use error::SceneError;
 pub use file::{LoadOptions, Orient};
+pub use given::GivenMeshes;
 pub use material::{Material, Normalization};
 pub use movable::Movable;
 pub use painting::Painting;
@@ -151,6 +154,8 @@ pub struct Scene {
     pub creases: Vec<[bool; 3]>,
     /// Warnings for the user, in whole sentences (a default camera, no light, albedo near one).
     pub warnings: Vec<String>,
+    /// The meshes that were simplified, as their files have them; see [`Self::with_given_meshes`].
+    pub given: Option<Arc<GivenMeshes>>,
 }
 
 impl Scene {

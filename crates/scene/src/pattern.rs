@@ -170,6 +170,14 @@ impl Patterns {
         self.of.extend(patterns);
     }
 
+    /// Gives triangles from the first on patterns.
+    pub(super) fn put(&mut self, first: usize, patterns: Vec<Option<Pattern>>) {
+        if patterns.iter().any(Option::is_some) {
+            self.of.resize(self.of.len().max(first + patterns.len()), None);
+            self.of[first..first + patterns.len()].clone_from_slice(&patterns);
+        }
+    }
+
     /// Appends the texture coordinates of triangles that follow the first `before`.
     pub(super) fn extend_uvs(&mut self, before: usize, uvs: &[[DVec2; 3]]) {
         self.uvs.resize(before, [DVec2::NAN; 3]);

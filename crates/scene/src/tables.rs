@@ -50,6 +50,7 @@ pub(super) struct MeshTable {
     pub two_sided: Option<bool>,
     pub orient: Option<Orient>,
     pub snap: Option<Spanned<f64>>,
+    pub simplify: Option<u32>,
     pub objects: Option<bool>,
 }
 

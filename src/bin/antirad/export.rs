@@ -45,6 +45,13 @@ pub fn run(arguments: &Arguments, quiet: bool) -> Result<(), Failure> {
     }
     let scene = arguments.file.load()?;
     let light = arguments.light.as_deref().map(|path| light(path, scene.triangles.len())).transpose()?;
+    // Simplified meshes are written as given, with the values of the triangles near theirs.
+    let (scene, light) = match scene.with_given_meshes() {
+        None => (scene, light),
+        Some((given, rows)) => {
+            (given, light.map(|light| rows.into_iter().map(|row| light[row as usize]).collect::<Vec<_>>()))
+        }
+    };
     let path = arguments
         .output
         .clone()

@@ -33,6 +33,9 @@ pub struct SceneFile {
     /// planes, gaps close, lamps become planar or convex
     #[arg(long, value_name = "METRES")]
     snap: Option<f64>,
+    /// Most triangles of a mesh file: those with more are simplified; 0 keeps all [default: 10000 with --snap, else 0]
+    #[arg(long, value_name = "TRIANGLES")]
+    simplify: Option<u32>,
     /// Light from all around: a radiance in W/(m² sr), one number or R,G,B, or an equirectangular picture (HDR, EXR, PNG, JPEG)
     #[arg(long, value_name = "RADIANCE|FILE", value_parser = parse_sky)]
     sky: Option<Sky>,
@@ -47,6 +50,7 @@ impl SceneFile {
             .orient(self.orient)
             .two_sided(self.two_sided)
             .snap(self.snap)
+            .simplify(self.simplify)
             .sky(self.sky.clone());
         let scene = Scene::load(&self.scene, &options)?;
         for warning in &scene.warnings {

@@ -1,5 +1,7 @@
 //! Assembles a scene from its parts and records where each came from, for the messages of the check.
 
+mod simplified;
+
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,6 +23,9 @@ use super::tables::MaterialTable;
 use super::{
     Camera, Choice, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle, bounds,
 };
+use simplified::Whole;
+
+pub(super) use simplified::Most;
 
 /// A scene under construction.
 pub(super) struct Assembly {
@@ -41,6 +46,10 @@ pub(super) struct Assembly {
     two_sided: HashMap<u32, bool>,
     /// Per mesh.
     mending: Vec<Mending>,
+    /// Files that will be simplified.
+    wholes: Vec<Whole>,
+    /// Per mesh, whether it was simplified; empty if none was.
+    simplified: Vec<bool>,
     camera_lines: HashMap<String, usize>,
     settings_line: Option<usize>,
     sky: Option<Sky>,
@@ -52,6 +61,7 @@ pub(super) struct Mending {
     pub orient: Orient,
     pub two_sided: Option<bool>,
     pub snap: Option<Snap>,
+    pub most: Most,
     /// Whether each object of the file is a mesh.
     pub objects: bool,
 }
@@ -109,6 +119,7 @@ impl Assembly {
                 degenerate: Vec::new(),
                 creases: Vec::new(),
                 warnings: Vec::new(),
+                given: None,
             },
             material_indices: HashMap::new(),
             material_origins: HashMap::new(),
@@ -118,6 +129,8 @@ impl Assembly {
             stated: HashSet::new(),
             two_sided: HashMap::new(),
             mending: Vec::new(),
+            wholes: Vec::new(),
+            simplified: Vec::new(),
             camera_lines: HashMap::new(),
             settings_line: None,
             sky: None,
@@ -244,7 +257,7 @@ impl Assembly {
         &mut self,
         name: String,
         file: &Path,
-        mesh: RawMesh,
+        mut mesh: RawMesh,
         mending: Mending,
         place: Place,
     ) -> Result<(), SceneError> {
@@ -258,7 +271,12 @@ impl Assembly {
             };
             materials.push(index);
         }
-        let (materials, patterns) = self.face_materials(&mesh, &materials);
+        let too_fine = mending.most.0.filter(|&most| mesh.faces.len() > most as usize);
+        let of_file = materials;
+        let (materials, patterns) = match too_fine {
+            Some(_) => (mesh.face_materials.iter().map(|&m| of_file[m as usize]).collect(), Vec::new()),
+            None => self.face_materials(&mesh, &of_file),
+        };
 
         let scene = &mut self.scene;
         let too_many = |what, count: usize, limit| SceneError::TooMany { what, count: count as u64, limit };
@@ -272,11 +290,11 @@ impl Assembly {
         if end as u64 > MAX_TRIANGLES {
             return Err(too_many("triangles", end, MAX_TRIANGLES));
         }
-        scene.vertices.extend(mesh.vertices);
+        scene.vertices.extend_from_slice(&mesh.vertices);
         if patterns.iter().any(Option::is_some) {
             Arc::make_mut(&mut scene.patterns).extend(first, patterns);
         }
-        if mesh.uvs.len() == mesh.faces.len() {
+        if mesh.uvs.len() == mesh.faces.len() && too_fine.is_none() {
             Arc::make_mut(&mut scene.patterns).extend_uvs(first, &mesh.uvs);
         }
         scene.triangles.extend(
@@ -285,7 +303,8 @@ impl Assembly {
                 .zip(materials)
                 .map(|(face, material)| Triangle { vertices: face.map(|v| first_vertex + v), material }),
         );
-        let mut starts = if mending.objects { mesh.objects } else { Vec::new() };
+        let mut starts = if mending.objects { std::mem::take(&mut mesh.objects) } else { Vec::new() };
+        let first_mesh = scene.meshes.len();
         if starts.first().is_none_or(|(_, first)| *first > 0) {
             starts.insert(0, (name.clone(), 0));
         }
@@ -301,6 +320,17 @@ impl Assembly {
             self.mending.push(mending);
             let lines = mesh.face_lines.get(faces.start as usize..faces.end as usize).unwrap_or_default();
             scene.origins.push(Origin { file: file.to_path_buf(), lines: lines.to_vec() });
+        }
+        if let Some(most) = too_fine {
+            self.wholes.push(Whole {
+                file: file.to_path_buf(),
+                most,
+                meshes: first_mesh..scene.meshes.len(),
+                triangles: first..end,
+                vertices: first_vertex..vertex_count as u32,
+                raw: mesh,
+                materials: of_file,
+            });
         }
         Ok(())
     }
@@ -395,6 +425,10 @@ impl Assembly {
             self.scene.update_degenerate();
             self.snap_meshes()?;
             self.turn_faces();
+            if self.simplify_files() {
+                // Small planes stand out where triangles are large against noise.
+                self.snap_meshes()?;
+            }
             self.add_second_sides(options);
             self.scene.update_degenerate();
         }
@@ -497,8 +531,18 @@ impl Assembly {
                     None => SceneError::File { path: path.clone(), message },
                 });
             }
-            let within: Vec<bool> =
-                self.per_triangle(|mending| mending.snap.is_some_and(|snap| snap.distance == distance));
+            let asks = |mending: &Mending| mending.snap.is_some_and(|snap| snap.distance == distance);
+            let mut within: Vec<bool> = self.per_triangle(asks);
+            if !self.simplified.is_empty() {
+                let meshes =
+                    self.scene.meshes.iter().zip(&self.simplified).filter(|(_, simplified)| !**simplified);
+                meshes.for_each(|(mesh, _)| {
+                    within[mesh.range.start as usize..mesh.range.end as usize].fill(false)
+                });
+                if !within.contains(&true) {
+                    continue;
+                }
+            }
             let Snapped { moved, vertices, farthest, planes } =
                 snap(&mut self.scene, distance, |t| within[t]);
             self.scene.update_degenerate();

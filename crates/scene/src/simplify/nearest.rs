@@ -1,0 +1,137 @@
+//! The triangle of a surface that is nearest to a place.
+
+use super::super::bounds;
+use super::super::rays::boxed;
+use glam::DVec3;
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2;
+use std::time::Duration;
+
+/// Of the surface's size: how much farther a triangle counts whose front faces away.
+const AWAY: f64 = 0.02;
+/// Of the surface's size: how far is searched first, and by how much farther each next time.
+const FIRST: f64 = 1e-3;
+const GROWTH: f64 = 4.0;
+/// Barycentric coordinates of places beside a triangle are not taken beyond these.
+const BESIDE: [f64; 2] = [-1.0, 2.0];
+
+/// A surface, for searches.
+pub(crate) struct Nearest {
+    tree: Bvh2,
+    frame: (DVec3, f64),
+    size: f64,
+    corners: Vec<[DVec3; 3]>,
+}
+
+impl Nearest {
+    pub fn new(corners: Vec<[DVec3; 3]>) -> Self {
+        let (low, high) = bounds(corners.iter().flatten().copied());
+        let size = if corners.is_empty() { 1.0 } else { (high - low).length().max(f64::MIN_POSITIVE) };
+        let frame = (0.5 * (low + high), 2.0 / size);
+        let boxes: Vec<_> = corners.iter().map(|&corners| boxed(corners, frame)).collect();
+        let tree = match boxes.is_empty() {
+            true => Default::default(),
+            false => build_bvh2(&boxes, BvhBuildParams::fast_build(), &mut Duration::default()),
+        };
+        Self { tree, frame, size, corners }
+    }
+
+    /// The nearest triangle to a place and its distance; those that face the other way than `normal` count as farther. `None` without
+    /// any triangles.
+    pub fn find(&self, place: DVec3, normal: DVec3) -> Option<(u32, f64)> {
+        let mut best = (f64::INFINITY, u32::MAX);
+        let mut reach = FIRST * self.size + self.beside(place);
+        while !self.tree.nodes.is_empty() && best.0 > reach {
+            if reach.is_infinite() {
+                return None;
+            }
+            reach *= GROWTH;
+            self.tree.aabb_traverse(
+                boxed([place - reach, place + reach, place], self.frame),
+                |tree, node| {
+                    let node = &tree.nodes[node as usize];
+                    let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
+                    for &k in &tree.primitive_indices[range] {
+                        let corners = self.corners[k as usize];
+                        let away = area_vector(corners).dot(normal) < 0.0;
+                        let found = distance(corners, place) + if away { AWAY * self.size } else { 0.0 };
+                        if (found, k) < best {
+                            best = (found, k);
+                        }
+                    }
+                    true
+                },
+            );
+        }
+        let corners = *self.corners.get(best.1 as usize)?;
+        Some((best.1, distance(corners, place)))
+    }
+
+    /// How far a place is from the ball around the surface, at most.
+    fn beside(&self, place: DVec3) -> f64 {
+        (place.distance(self.frame.0) - 0.5 * self.size).max(0.0)
+    }
+}
+
+/// Normal times twice the area.
+fn area_vector([a, b, c]: [DVec3; 3]) -> DVec3 {
+    (b - a).cross(c - a)
+}
+
+/// Barycentric coordinates of a place's projection onto a triangle's plane.
+fn projected([a, b, c]: [DVec3; 3], place: DVec3) -> Option<DVec3> {
+    let normal = area_vector([a, b, c]);
+    let twice = normal.length_squared();
+    let of = |p: DVec3, q: DVec3| (p - place).cross(q - place).dot(normal) / twice;
+    let (x, y) = (of(b, c), of(c, a));
+    let found = DVec3::new(x, y, 1.0 - x - y);
+    found.is_finite().then_some(found)
+}
+
+/// Barycentric coordinates of a place in the plane of a triangle, or near the triangle where the place is far beside it.
+pub(crate) fn beside(corners: [DVec3; 3], place: DVec3) -> DVec3 {
+    let [least, most] = BESIDE.map(DVec3::splat);
+    let near = projected(corners, place).unwrap_or(DVec3::splat(1.0 / 3.0)).clamp(least, most);
+    let sum = near.element_sum();
+    if sum.abs() < 0.5 { DVec3::splat(1.0 / 3.0) } else { near / sum }
+}
+
+fn distance(corners: [DVec3; 3], place: DVec3) -> f64 {
+    if let Some(inside) = projected(corners, place).filter(|b| b.min_element() >= 0.0) {
+        let [a, b, c] = corners;
+        return (a * inside.x + b * inside.y + c * inside.z).distance(place);
+    }
+    let to_side = |k: usize| {
+        let [from, to] = [corners[k], corners[(k + 1) % 3]];
+        let along = to - from;
+        let share =
+            ((place - from).dot(along) / along.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        (from + share * along).distance(place)
+    };
+    to_side(0).min(to_side(1)).min(to_side(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_triangle_is_found_from_near_and_far() {
+        let square = |z: f64| {
+            [[DVec3::ZERO, DVec3::X, DVec3::Y], [DVec3::X, DVec3::X + DVec3::Y, DVec3::Y]]
+                .map(|t| t.map(|p| p + z * DVec3::Z))
+        };
+        let back = square(0.01).map(|[a, b, c]| [a, c, b]);
+        let surface = Nearest::new([square(0.0), back].concat());
+        let find = |x: f64, y: f64, z: f64, up: f64| surface.find(DVec3::new(x, y, z), up * DVec3::Z);
+        assert_eq!(find(0.2, 0.2, 0.003, 1.0), Some((0, 0.003)));
+        // The front that faces the same way, though the other one is nearer.
+        assert_eq!(find(0.9, 0.8, 0.008, 1.0), Some((1, 0.008)));
+        assert_eq!(find(0.9, 0.8, 0.008, -1.0).map(|found| found.0), Some(3));
+        assert_eq!(find(-3.0, 0.0, 4.0, 1.0), Some((0, 5.0)));
+        assert_eq!(Nearest::new(Vec::new()).find(DVec3::ZERO, DVec3::Z), None);
+        let b = beside(square(0.0)[0], DVec3::new(1.0, 1.0, 0.3));
+        assert!(b.abs_diff_eq(DVec3::new(-1.0, 1.0, 1.0), 1e-12), "{b}");
+    }
+}
