@@ -7,6 +7,7 @@ use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::scene::{
     Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice,
 };
+use antirad::target_error::usual_plan;
 use antirad::{Cotangent, Engine, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
 use support::random::{Random, scattered};
@@ -22,12 +23,17 @@ fn plan(scene: &Scene, settings: &SolveSettings, gradients: GradientRequest) -> 
 
 /// A room of 2 m with a lamp under its ceiling.
 fn room() -> SceneBuilder {
-    let wall = Material { albedo: [0.6; 3], ..Material::named("wall") };
+    room_of(0.6, 1.95)
+}
+
+/// The same with walls of some albedo, and the lamp at some height.
+fn room_of(albedo: f64, lamp_at: f64) -> SceneBuilder {
+    let wall = Material { albedo: [albedo; 3], ..Material::named("wall") };
     let lamp = Material { emission: [10.0; 3], albedo: [0.0; 3], ..Material::named("lamp") };
     let down = DAffine3::from_rotation_x(std::f64::consts::PI);
     let mut builder = SceneBuilder::new();
     builder.shape("room", Shape::Room { cells: 6 }, &wall, placed([2.0; 3], [0.0; 3]));
-    builder.shape("lamp", Shape::Quad { cells: 1 }, &lamp, placed([0.5; 3], [0.75, 1.95, 1.25]) * down);
+    builder.shape("lamp", Shape::Quad { cells: 1 }, &lamp, placed([0.5; 3], [0.75, lamp_at, 1.25]) * down);
     builder
 }
 
@@ -147,6 +153,33 @@ fn backs_are_opaque() {
         mean(&solution.irradiance, &areas(&scene), |i| !above(i)),
     );
     assert!(below > 0.0 && above == 0.0, "{above} above, {below} below");
+    finish(&backend);
+}
+
+/// White walls send much light to the back of a lamp, which antiradiance lets pass: the usual plan has explicit visibility there, and where walls
+/// are grey it has not.
+#[test]
+fn backs_that_matter_are_opaque() {
+    let backend = backend();
+    let scene = room_of(0.9, 1.85).finish("white room").expect("a scene");
+    let options = PlanOptions::of(&backend);
+    let (settings, plan) = usual_plan(&scene, &options).expect("a plan");
+    assert!(plan.transport().is_explicit(), "{}", plan.transport());
+    let mean = |settings: &SolveSettings| {
+        let (_, solution) = solve(&backend, &scene, settings);
+        errors(&scene, &solution.irradiance, 3)[0]
+    };
+    let [own, implicit] = [settings, settings.visibility(VisibilityChoice::Implicit)].map(|s| mean(&s));
+    println!("white room: mean {own:+.4}, by antiradiance {implicit:+.4}");
+    assert!(own.abs() <= 0.006 && implicit >= 0.01, "{own}, by antiradiance {implicit}");
+    // Derivatives by positions have no rays, and what is stated holds.
+    let moving = options.gradients(GradientRequest::default().positions(true));
+    let stated = Scene { settings: scene.settings.visibility(VisibilityChoice::Implicit), ..scene.clone() };
+    let grey = room_of(0.3, 1.95).finish("grey room").expect("a scene");
+    for (scene, options) in [(&scene, &moving), (&stated, &options), (&grey, &options)] {
+        let (_, plan) = usual_plan(scene, options).expect("a plan");
+        assert!(!plan.transport().is_explicit(), "{}: {}", scene.name, plan.transport());
+    }
     finish(&backend);
 }
 

@@ -504,7 +504,7 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     if emitted > 0.0 {
         let share = 100.0 * absorbed / emitted;
         antirad::say!(
-            "energy      {emitted:.4} W emitted, {share:.2} % absorbed, {:.2} % escaped",
+            "energy      {emitted:.4} W emitted, {share:.2} % absorbed, {:.2} % escaped or on black backs",
             100.0 - share
         );
     } else {

@@ -31,12 +31,20 @@ pub struct Lit {
 }
 
 impl Lit {
+    /// The part of all light that falls on these backs.
+    pub fn of_all(&self, plan: &Plan) -> f64 {
+        self.part(plan, |_| true)
+    }
+
     /// Light on these backs, relative to that on all fronts. That the housing of a lamp is black is what most expect.
     pub fn share(&self, scene: &Scene, plan: &Plan) -> f64 {
-        let counts = |i: u32| scene.material(i as usize).emission == [0.0; 3];
+        self.part(plan, |i| scene.material(i as usize).emission == [0.0; 3])
+    }
+
+    fn part(&self, plan: &Plan, counts: impl Fn(u32) -> bool) -> f64 {
         let light = |&(i, back): &(u32, f64)| plan.facets()[i as usize].area * back;
-        let lost: f64 = self.backs.iter().filter(|(i, _)| counts(*i)).map(light).sum();
-        lost.max(0.0) / self.light.max(f64::MIN_POSITIVE)
+        let light: f64 = self.backs.iter().filter(|(i, _)| counts(*i)).map(light).sum();
+        light.max(0.0) / self.light.max(f64::MIN_POSITIVE)
     }
 }
 

@@ -154,6 +154,11 @@ impl Warnings {
         warnings
     }
 
+    /// The part of all light that falls on backs of one-sided triangles, found by paths. Antiradiance lets it pass, where they should absorb it.
+    pub fn light_on_backs(scene: &Scene, plan: &Plan) -> f64 {
+        backs::lit(scene, plan).of_all(plan)
+    }
+
     /// The warnings of [`Warnings::of`], and [`Kind::CoarseShadows`]. Takes about as long as the direct light
     /// of lamps.
     pub fn with_shadows(scene: &Scene, plan: &Plan) -> Self {
