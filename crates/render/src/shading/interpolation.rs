@@ -35,7 +35,7 @@ impl Interpolation {
     }
 
     /// The faces around a corner of a face that continue its surface, itself included.
-    fn around<'a>(
+    pub fn around<'a>(
         &'a self,
         facets: &'a [Facet],
         face: usize,

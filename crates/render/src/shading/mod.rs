@@ -9,6 +9,7 @@
 mod backward;
 mod edges;
 mod interpolation;
+mod near;
 mod pattern;
 mod reflections;
 mod sights;
@@ -24,6 +25,7 @@ use antirad_core::{Engine, EngineError, Solution};
 use antirad_scene::{Camera, Material, Patterns, Scene};
 use glam::DVec3;
 use interpolation::Interpolation;
+use near::{Lit, NearLight};
 use pattern::Spot;
 use rayon::prelude::*;
 use reflections::{Estimate, Faces, Glossy, Held, Surroundings};
@@ -89,6 +91,8 @@ pub struct Light {
     /// Indirect irradiance, sharpened for `interpolation`, W/m².
     sharpened: Vec<DVec3>,
     interpolation: Interpolation,
+    /// Indirect light from near by where it varies within faces; `None` where nothing does, and in pictures that have derivatives.
+    near: Option<Arc<NearLight>>,
     /// Whether pictures are smooth functions of the scene: points are not chosen by the light there.
     is_smooth: bool,
     /// What rays meet; `None` unless glossy faces reflect by rays.
@@ -151,8 +155,22 @@ impl Light {
             Surroundings::new(engine, solution, corners, counts).map(Arc::new)
         });
         let surroundings = surroundings.transpose()?;
+        let differentiable = engine.plan().options().gradients.any();
+        let near = if reflections == Reflections::Rays && !differentiable && !views.is_empty() {
+            NearLight::new(&Lit {
+                facets: &facets,
+                materials: &engine.materials,
+                direct: &engine.direct.light,
+                interpolation: &interpolation,
+                direct_irradiance: &direct_irradiance,
+                indirect_irradiance: &indirect_irradiance,
+            })?
+        } else {
+            None
+        };
         Ok(Self {
             direct: engine.direct.light.clone(),
+            near: near.map(Arc::new),
             placement: engine.plan().placement(),
             materials: engine.materials.clone(),
             patterns: scene.patterns.clone(),
@@ -377,13 +395,17 @@ impl Light {
         let mut differences = vec![Estimate::default(); at.len()];
         let means = self.direct_irradiance[face] + self.indirect_irradiance[face];
         if reflectance != DVec3::ZERO {
-            let corners = self.interpolation.corners(&self.facets, &self.sharpened, face);
+            let near = self.near.as_ref().and_then(|near| Some((near, near.rest(face)?)));
+            let interpolated = near.map_or(&self.sharpened[..], |(_, rest)| rest);
+            let corners = self.interpolation.corners(&self.facets, interpolated, face);
             let of_points = at.iter().zip(light.iter());
             for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(of_points).enumerate() {
                 let direct: DVec3 =
                     of_lamps.iter().map(|(l, phi)| phi.dot(facet.normal) * radiance[*l as usize]).sum();
                 let b = barycentric(facet.corners, facet.normal, *point);
-                let indirect = corners[0] * b.x + corners[1] * b.y + corners[2] * b.z;
+                let nearby = near.map(|(near, _)| near.received(&self.facets, face, *point));
+                let indirect =
+                    corners[0] * b.x + corners[1] * b.y + corners[2] * b.z + nearby.unwrap_or_default();
                 let shown = pattern.get(k).map_or(DVec3::ONE, |[of_albedo, _]| *of_albedo);
                 to.mean += reflectance * (shown * (direct + indirect) - means);
             }
