@@ -77,6 +77,7 @@ const LAYERS: [(&str, &[&str]); 29] = [
             "scene",
             "shading",
             "solve",
+            "warnings",
             "watch",
         ],
     ),

@@ -156,8 +156,8 @@ fn backs_are_opaque() {
     finish(&backend);
 }
 
-/// White walls send much light to the back of a lamp, which antiradiance lets pass: the usual plan has explicit visibility there, and where walls
-/// are grey it has not.
+/// Light falls on the back of a lamp that hangs below the ceiling, and antiradiance lets it pass: the usual plan has explicit visibility there, and
+/// where the lamp is close to the ceiling it has not.
 #[test]
 fn backs_that_matter_are_opaque() {
     let backend = backend();
@@ -175,8 +175,8 @@ fn backs_that_matter_are_opaque() {
     // Derivatives by positions have no rays, and what is stated holds.
     let moving = options.gradients(GradientRequest::default().positions(true));
     let stated = Scene { settings: scene.settings.visibility(VisibilityChoice::Implicit), ..scene.clone() };
-    let grey = room_of(0.3, 1.95).finish("grey room").expect("a scene");
-    for (scene, options) in [(&scene, &moving), (&stated, &options), (&grey, &options)] {
+    let close = room_of(0.9, 1.995).finish("lamp at the ceiling").expect("a scene");
+    for (scene, options) in [(&scene, &moving), (&stated, &options), (&close, &options)] {
         let (_, plan) = usual_plan(scene, options).expect("a plan");
         assert!(!plan.transport().is_explicit(), "{}: {}", scene.name, plan.transport());
     }

@@ -198,7 +198,8 @@ fn normals_that_disagree_with_the_order_of_corners() {
         *line = String::from("vn 1 0 0\nf 1//1 5//1 7//1 3//1");
     }
     let obj = format!("mtllib m.mtl\n{}", lines.join("\n"));
-    let camera = seen([0.5, 0.5, 2.6], [0.5, 0.5, 0.0], "");
+    let seen = seen([0.5, 0.5, 2.6], [0.5, 0.5, 0.0], "");
+    let camera = format!("{seen}[settings]\nvisibility = \"implicit\"\n");
     comes_out(
         &[("m.obj", &obj), ("m.mtl", MTL), ("s.toml", &camera)],
         "s.toml --orient keep",

@@ -398,7 +398,9 @@ fn options_for_the_solve() {
 /// A target error, in the scene or on the command line: arrays keep the rows of the scene's own triangles.
 #[test]
 fn settings_for_a_target_error() {
-    let scene = format!("{ROOM}[settings]\nerror = 0.5\n");
+    // A lamp that hangs lower: the gap above it asks for many triangles.
+    let room = ROOM.replace("0.98", "0.9");
+    let scene = format!("{room}[settings]\nerror = 0.5\nvisibility = \"implicit\"\n");
     let folder = Folder::with(&[("room.toml", &scene)]);
     let run = clean_render(&folder, "room.toml");
     says(

@@ -39,6 +39,7 @@ pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {
         patterns: Default::default(),
         cameras: Vec::new(),
         settings: SolveSettings::default(),
+        given: None,
         choice: Default::default(),
         degenerate: Vec::new(),
         creases: Vec::new(),

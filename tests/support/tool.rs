@@ -18,7 +18,7 @@ shape = { kind = "quad", cells = 2 }
 material = "lamp"
 scale = 0.4
 rotate_degrees = [180, 0, 0]
-translate = [0.3, 0.9, 0.7]
+translate = [0.3, 0.98, 0.7]
 
 [material.wall]
 albedo = [0.7, 0.5, 0.3]

@@ -8,6 +8,7 @@ use antirad_core::{Engine, EngineError, Solution, SolveParams};
 use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer};
 use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
 use antirad_render::shading::{Reflections, Shading};
+use antirad_render::warnings::Warnings;
 use antirad_scene::{Painting, Scene, Transport, VisibilityChoice};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -228,12 +229,25 @@ impl EngineRenderer {
         Ok(())
     }
 
-    /// Whether visibility may become explicit where the first scene has no solution. It stays from then on, so that all pictures of a fit are
+    /// Whether visibility may become explicit, where the first scene has no solution or lets light pass through backs. It stays from then on, so that all pictures of a fit are
     /// made alike.
     fn may_become_explicit(&self) -> bool {
         let automatic = self.planning.settings.visibility == VisibilityChoice::Auto;
         let is_implicit = self.engine.as_ref().is_some_and(|engine| !engine.plan().transport().is_explicit());
         automatic && is_implicit && !self.answered && !self.independent && !self.request.positions
+    }
+
+    /// Whether antiradiance lets so much light pass through backs that pictures tell.
+    fn lets_light_through(&self, scene: &Scene) -> bool {
+        let Some(engine) = &self.engine else { return false };
+        let passed = Warnings::light_through_backs(scene, engine.plan());
+        if let Some(passed) = passed {
+            tracing::info!(
+                "antiradiance would let {:.2} % of the light pass through backs: the fit has explicit visibility",
+                100.0 * passed
+            );
+        }
+        passed.is_some()
     }
 
     fn become_explicit(&mut self) {
@@ -410,6 +424,10 @@ impl Renderer for EngineRenderer {
                 tracing::warn!(
                     "antiradiance creates light among these blockers: the fit has explicit visibility"
                 );
+                self.become_explicit();
+                self.render(scene, params, Subject::Scene, self.request)?
+            }
+            Ok(_) if self.may_become_explicit() && self.lets_light_through(scene) => {
                 self.become_explicit();
                 self.render(scene, params, Subject::Scene, self.request)?
             }

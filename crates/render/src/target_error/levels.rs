@@ -2,7 +2,7 @@
 
 use crate::warnings::{Surfaces, Warnings};
 use antirad_core::model::{Bins, classify, spatial_order};
-use antirad_core::plan::{Placement, Plan, PlanError, PlanOptions};
+use antirad_core::plan::{Placement, Plan, PlanError, PlanOptions, Residency};
 use antirad_scene::{BinLayout, Choice, Material, Scene, SolveSettings, Transport, VisibilityChoice};
 use serde::Serialize;
 
@@ -189,8 +189,8 @@ pub fn usual_settings(scene: &Scene) -> SolveSettings {
     if is_open(scene) { usual(scene, layout(scene, &scene.settings)) } else { scene.settings }
 }
 
-/// The [`usual_settings`] and their plan. Visibility that is automatic is explicit where antiradiance would let so much light pass through
-/// backs that there were half a percent too much of it, if the plan has no derivatives by positions and rays fit its budget.
+/// The [`usual_settings`] and their plan. Visibility that is automatic is explicit where antiradiance would let much light pass through backs
+/// ([`Warnings::light_through_backs`]), if the plan has no derivatives by positions and rays fit its budget.
 ///
 /// # Errors
 /// Fails if the scene cannot be planned.
@@ -201,28 +201,20 @@ pub fn usual_plan(scene: &Scene, options: &PlanOptions) -> Result<(SolveSettings
     if !is_free || plan.transport().is_explicit() {
         return Ok((settings, plan));
     }
-    // What passes at each bounce is reflected on.
-    let albedo = mean_albedo(scene);
-    let passed = Warnings::light_on_backs(scene, &plan) * albedo / (1.0 - albedo).max(1e-6);
-    if passed.is_nan() || passed <= PASSED {
-        return Ok((settings, plan));
-    }
+    let Some(passed) = Warnings::light_through_backs(scene, &plan) else { return Ok((settings, plan)) };
     let explicit = settings.visibility(VisibilityChoice::Explicit);
     Ok(match Plan::new(scene, options, &explicit) {
-        Ok(by_rays) => {
+        Ok(by_rays) if by_rays.residency() == Residency::Device => {
             tracing::info!(
-                "antiradiance would let {:.1} % of the light pass through backs: visibility is explicit",
+                "antiradiance would let {:.2} % of the light pass through backs: visibility is explicit",
                 100.0 * passed
             );
             (explicit, by_rays)
         }
         // Rays do not fit.
-        Err(_) => (settings, plan),
+        _ => (settings, plan),
     })
 }
-
-/// Share of all light that may pass through backs.
-const PASSED: f64 = 0.005;
 
 fn is_open(scene: &Scene) -> bool {
     matches!(scene.choice, Choice::Open { bins, near_field } if bins || near_field)

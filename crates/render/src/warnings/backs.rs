@@ -19,6 +19,9 @@ const PATHS: u32 = 32;
 const PATHS_TO_FRONTS: usize = 4000;
 /// Irradiance of a back, relative to the mean of all fronts, from which it counts as lit.
 const LIT: f64 = 0.05;
+/// Share of the light of fronts that may fall on backs where visibility is automatic: what passes there is reflected on, and adds a percent over all
+/// bounces where the albedo is .85. Whatever the albedo, so that a fit has the visibility of the scene that it looks for.
+const MOST: f64 = 1.7e-3;
 /// How far a scene may reach behind an outermost triangle, relative to its size.
 const FLAT: f64 = 1e-6;
 
@@ -31,9 +34,9 @@ pub struct Lit {
 }
 
 impl Lit {
-    /// The part of all light that falls on these backs.
-    pub fn of_all(&self, plan: &Plan) -> f64 {
-        self.part(plan, |_| true)
+    /// Light on these backs, relative to that on all fronts, if it is so much that antiradiance must not let it pass.
+    pub fn too_much(&self, plan: &Plan) -> Option<f64> {
+        Some(self.part(plan, |_| true)).filter(|share| *share > MOST)
     }
 
     /// Light on these backs, relative to that on all fronts. That the housing of a lamp is black is what most expect.

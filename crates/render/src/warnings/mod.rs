@@ -154,9 +154,10 @@ impl Warnings {
         warnings
     }
 
-    /// The part of all light that falls on backs of one-sided triangles, found by paths. Antiradiance lets it pass, where they should absorb it.
-    pub fn light_on_backs(scene: &Scene, plan: &Plan) -> f64 {
-        backs::lit(scene, plan).of_all(plan)
+    /// Light on the backs of one-sided triangles, relative to that on all fronts, found by paths, if it is so much that visibility should be explicit:
+    /// antiradiance lets it pass, where it should be absorbed.
+    pub fn light_through_backs(scene: &Scene, plan: &Plan) -> Option<f64> {
+        backs::lit(scene, plan).too_much(plan)
     }
 
     /// The warnings of [`Warnings::of`], and [`Kind::CoarseShadows`]. Takes about as long as the direct light
