@@ -231,7 +231,7 @@ impl At<'_> {
         };
         let own = [self.face, self.sender.face as usize];
         let blocked = |rays: &Rays| rays.blocked(self.point, middle, |face| own.contains(&face));
-        if !(solid_angle > 0.0) || self.rays.is_some_and(blocked) {
+        if solid_angle.is_nan() || solid_angle <= 0.0 || self.rays.is_some_and(blocked) {
             return DVec3::ZERO;
         }
         let radiance = &self.sender.radiance;
