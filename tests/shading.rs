@@ -170,7 +170,8 @@ fn reflections_by_rays_are_those_of_path_tracing() {
     finish(&backend);
 }
 
-/// A room that a sun lights through a window, against path tracing: relative L2 norm, without the noise of that.
+/// A room that a sun lights through a window, against path tracing: relMSE without the noise of that. Walls vary within faces beside the patch on the
+/// floor, which pictures without derivatives gather.
 #[test]
 fn a_sunlit_room_is_that_of_path_tracing() {
     let backend = backend();
@@ -178,20 +179,24 @@ fn a_sunlit_room_is_that_of_path_tracing() {
     let camera = Camera { width: 64, height: 48, ..scene.cameras[0].clone() };
     let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
     let coverage = Rasterizer::new(&backend).expect("kernels").coverage(&scene, &camera, 8).expect("a view");
-    let light = Light::new(&mut engine, &solution, &scene, std::slice::from_ref(&camera), Reflections::Rays)
-        .expect("light");
-    let found = light.pixels(0, &coverage).expect("pixels");
     let traced = PathTracer::new(&scene).picture(&camera, 256, 1);
-    let (mut error, mut all) = (0.0, 0.0);
-    for (&[r, g, b, _], pixel) in found.iter().zip(&traced.pixels) {
-        let (truth, noise) = (pixel.radiance.mean, pixel.radiance.error);
-        error += (DVec3::new(r, g, b) - truth).length_squared() - noise.length_squared();
-        all += truth.length_squared();
-    }
-    let error = f64::sqrt(f64::max(error, 0.0) / all);
-    println!("sunlit room: {:.2} %, noise {:.2} %", 100.0 * error, 100.0 * traced.noise());
-    assert!(error <= 0.03, "{error:e}");
-    drop((engine, solution, light));
+    let [gathered, interpolated] = [Reflections::Rays, Reflections::FixedRays].map(|reflections| {
+        let light = Light::new(&mut engine, &solution, &scene, std::slice::from_ref(&camera), reflections)
+            .expect("light");
+        let found = light.pixels(0, &coverage).expect("pixels");
+        let error = found.iter().zip(&traced.pixels).map(|(&[r, g, b, _], pixel)| {
+            let (truth, noise) = (pixel.radiance.mean, pixel.radiance.error);
+            let squares = (DVec3::new(r, g, b) - truth).powf(2.0) - noise.powf(2.0);
+            (squares / (truth * truth + 0.01)).element_sum() / 3.0
+        });
+        error.sum::<f64>() / found.len() as f64
+    });
+    println!(
+        "sunlit room: relMSE {gathered:.2e}, interpolated {interpolated:.2e}, noise {:.2e}",
+        traced.noise().powi(2)
+    );
+    assert!(gathered <= 4.3e-3 && gathered <= interpolated - 5e-4, "{gathered:e}, {interpolated:e}");
+    drop((engine, solution));
     finish(&backend);
 }
 

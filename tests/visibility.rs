@@ -156,8 +156,8 @@ fn backs_are_opaque() {
     finish(&backend);
 }
 
-/// Light falls on the back of a lamp that hangs below the ceiling, and antiradiance lets it pass: the usual plan has explicit visibility there, and
-/// where the lamp is close to the ceiling it has not.
+/// Light falls on the back of a lamp that hangs below a white ceiling, and antiradiance lets it pass: the usual plan has explicit visibility there,
+/// and where the lamp is close to the ceiling it has not.
 #[test]
 fn backs_that_matter_are_opaque() {
     let backend = backend();

@@ -243,7 +243,7 @@ impl EngineRenderer {
         let passed = Warnings::light_through_backs(scene, engine.plan());
         if let Some(passed) = passed {
             tracing::info!(
-                "antiradiance would let {:.2} % of the light pass through backs: the fit has explicit visibility",
+                "antiradiance would add {:.1} % of light that passes through backs: the fit has explicit visibility",
                 100.0 * passed
             );
         }

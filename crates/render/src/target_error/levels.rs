@@ -1,9 +1,9 @@
 //! Refinement levels: settings from cheap to accurate, and the level at which a scene starts.
 
-use crate::warnings::{Surfaces, Warnings};
+use crate::warnings::{Surfaces, Warnings, mean_albedo};
 use antirad_core::model::{Bins, classify, spatial_order};
 use antirad_core::plan::{Placement, Plan, PlanError, PlanOptions, Residency};
-use antirad_scene::{BinLayout, Choice, Material, Scene, SolveSettings, Transport, VisibilityChoice};
+use antirad_scene::{BinLayout, Choice, Scene, SolveSettings, Transport, VisibilityChoice};
 use serde::Serialize;
 
 /// One refinement level.
@@ -206,7 +206,7 @@ pub fn usual_plan(scene: &Scene, options: &PlanOptions) -> Result<(SolveSettings
     Ok(match Plan::new(scene, options, &explicit) {
         Ok(by_rays) if by_rays.residency() == Residency::Device => {
             tracing::info!(
-                "antiradiance would let {:.2} % of the light pass through backs: visibility is explicit",
+                "antiradiance would add {:.1} % of light that passes through backs: visibility is explicit",
                 100.0 * passed
             );
             (explicit, by_rays)
@@ -237,18 +237,6 @@ fn usual(scene: &Scene, layout: LayoutKind) -> SolveSettings {
 
 /// Share of all light that the usual near field may lose.
 const USUAL_LOSS: f64 = 0.01;
-
-/// Area-weighted mean of the total albedo of the brightest channel.
-pub(super) fn mean_albedo(scene: &Scene) -> f64 {
-    let of: Vec<f64> = scene.materials.iter().map(Material::total_albedo).collect();
-    let (mut reflecting, mut all) = (0.0, 0.0);
-    for (i, triangle) in scene.triangles.iter().enumerate() {
-        let area = scene.area_vector(i).length();
-        reflecting += area * of[triangle.material as usize];
-        all += area;
-    }
-    if all > 0.0 { reflecting / all } else { 0.0 }
-}
 
 #[cfg(test)]
 mod tests {

@@ -16,13 +16,13 @@ pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 
 use crate::image::ImageError;
 use crate::shading::{Reflections, Shading};
-use crate::warnings::{Warnings, told_from};
+use crate::warnings::{Warnings, mean_albedo, told_from};
 use antirad_base::setters;
 use antirad_core::backend::Backend;
 use antirad_core::plan::{Plan, PlanError, PlanOptions, has_direct_lamps};
 use antirad_core::{Engine, EngineError, Solution};
 use antirad_scene::{Camera, Choice, Scene, SolveSettings};
-use levels::{Level, is_directional, mean_albedo, near_field_for};
+use levels::{Level, is_directional, near_field_for};
 use pictures::Visible;
 use serde::Serialize;
 use std::fmt;

@@ -4,6 +4,7 @@
 //! visibility, so it is path-traced, with few paths: surfaces that close each other off, such as a room and what stands in it, keep
 //! their backs dark even where edges are open.
 
+use super::mean_albedo;
 use crate::path_tracer::PathTracer;
 use antirad_core::model::PADDING;
 use antirad_core::plan::Plan;
@@ -19,9 +20,8 @@ const PATHS: u32 = 32;
 const PATHS_TO_FRONTS: usize = 4000;
 /// Irradiance of a back, relative to the mean of all fronts, from which it counts as lit.
 const LIT: f64 = 0.05;
-/// Share of the light of fronts that may fall on backs where visibility is automatic: what passes there is reflected on, and adds a percent over all
-/// bounces where the albedo is .85. Whatever the albedo, so that a fit has the visibility of the scene that it looks for.
-const MOST: f64 = 1.7e-3;
+/// Light that may pass through backs where visibility is automatic, relative to all.
+const PASSED: f64 = 0.01;
 /// How far a scene may reach behind an outermost triangle, relative to its size.
 const FLAT: f64 = 1e-6;
 
@@ -34,9 +34,12 @@ pub struct Lit {
 }
 
 impl Lit {
-    /// Light on these backs, relative to that on all fronts, if it is so much that antiradiance must not let it pass.
-    pub fn too_much(&self, plan: &Plan) -> Option<f64> {
-        Some(self.part(plan, |_| true)).filter(|share| *share > MOST)
+    /// How much more light there is, relative to all, if it passes through these backs, and is reflected on at each bounce: `None` where antiradiance
+    /// may let it.
+    pub fn too_much(&self, scene: &Scene, plan: &Plan) -> Option<f64> {
+        let albedo = mean_albedo(scene);
+        let passed = self.part(plan, |_| true) * albedo / (1.0 - albedo).max(1e-6);
+        (passed > PASSED).then_some(passed)
     }
 
     /// Light on these backs, relative to that on all fronts. That the housing of a lamp is black is what most expect.

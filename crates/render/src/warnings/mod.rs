@@ -17,7 +17,7 @@ pub use shadows::too_coarse;
 
 use crate::path_tracer::PathTracer;
 use antirad_core::plan::Plan;
-use antirad_scene::Scene;
+use antirad_scene::{Material, Scene};
 use edges::Edges;
 pub use gain::Surfaces;
 use gain::{Gain, Gains};
@@ -139,6 +139,18 @@ fn area(scene: &Scene, plan: &Plan) -> f64 {
 /// A triangle, its value and the other triangle concerned.
 type Found = (u32, f64, Option<u32>);
 
+/// Area-weighted mean of the total albedo of the brightest channel.
+pub(crate) fn mean_albedo(scene: &Scene) -> f64 {
+    let of: Vec<f64> = scene.materials.iter().map(Material::total_albedo).collect();
+    let (mut reflecting, mut all) = (0.0, 0.0);
+    for (i, triangle) in scene.triangles.iter().enumerate() {
+        let area = scene.area_vector(i).length();
+        reflecting += area * of[triangle.material as usize];
+        all += area;
+    }
+    if all > 0.0 { reflecting / all } else { 0.0 }
+}
+
 impl Warnings {
     /// Warnings before a solve. Takes about as long as planning, since only pairs of nearby triangles are examined.
     pub fn of(scene: &Scene, plan: &Plan) -> Self {
@@ -154,10 +166,10 @@ impl Warnings {
         warnings
     }
 
-    /// Light on the backs of one-sided triangles, relative to that on all fronts, found by paths, if it is so much that visibility should be explicit:
-    /// antiradiance lets it pass, where it should be absorbed.
+    /// How much more light there would be, relative to all of it, by what falls on the backs of one-sided triangles, found by paths: antiradiance lets
+    /// that pass, where it should be absorbed. `None` up to one percent, where visibility may stay implicit.
     pub fn light_through_backs(scene: &Scene, plan: &Plan) -> Option<f64> {
-        backs::lit(scene, plan).too_much(plan)
+        backs::lit(scene, plan).too_much(scene, plan)
     }
 
     /// The warnings of [`Warnings::of`], and [`Kind::CoarseShadows`]. Takes about as long as the direct light
