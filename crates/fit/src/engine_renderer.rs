@@ -229,8 +229,8 @@ impl EngineRenderer {
         Ok(())
     }
 
-    /// Whether visibility may become explicit, where the first scene has no solution or lets light pass through backs. It stays from then on, so that all pictures of a fit are
-    /// made alike.
+    /// Whether visibility may become explicit, where the first scene has no solution or lets light pass through backs. It stays from then on, so
+    /// that all pictures of a fit are made alike.
     fn may_become_explicit(&self) -> bool {
         let automatic = self.planning.settings.visibility == VisibilityChoice::Auto;
         let is_implicit = self.engine.as_ref().is_some_and(|engine| !engine.plan().transport().is_explicit());

@@ -121,7 +121,7 @@ pub trait Renderer {
         Ok(())
     }
 
-    /// Whether visibility has become explicit, as the first scene had no solution otherwise.
+    /// Whether visibility has become explicit, as the first scene asked for.
     fn has_become_explicit(&self) -> bool {
         false
     }

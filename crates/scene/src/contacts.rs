@@ -250,7 +250,8 @@ impl<'a> Contacts<'a> {
     }
 }
 
-fn barycentric([a, b, c]: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
+/// Barycentric coordinates of a point's projection onto a triangle's plane; `normal` of any length.
+pub(super) fn barycentric([a, b, c]: [DVec3; 3], normal: DVec3, point: DVec3) -> DVec3 {
     let twice = (b - a).cross(c - a).dot(normal);
     let of = |p: DVec3, q: DVec3| (p - point).cross(q - point).dot(normal) / twice;
     let (x, y) = (of(b, c), of(c, a));

@@ -39,14 +39,12 @@ const POINT: f64 = 16.0;
 const SEEN_CUTS: usize = 1;
 /// Difference of direct light within a sender, over its largest, from which on parts have their own.
 const UNEVEN: f64 = 0.05;
-
 /// Times that the light from near by is found: the second time, senders vary as the first has told.
 const PASSES: usize = 2;
 
 /// Light from near by.
-#[derive(Debug)]
 pub struct NearLight {
-    rays: NoDebug,
+    rays: Rays,
     /// Whether points of each face look around.
     looks: Vec<bool>,
     /// Near senders of each face.
@@ -56,16 +54,12 @@ pub struct NearLight {
     rest: Vec<DVec3>,
 }
 
-/// Rays, which have nothing to print.
-struct NoDebug(Rays);
-
-impl std::fmt::Debug for NoDebug {
+impl std::fmt::Debug for NearLight {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str("Rays")
+        f.debug_struct("NearLight").field("senders", &self.senders.len()).finish_non_exhaustive()
     }
 }
 
-#[derive(Debug)]
 struct Sender {
     face: u32,
     /// R.
@@ -75,7 +69,6 @@ struct Sender {
 }
 
 /// A sender near a face.
-#[derive(Debug)]
 struct Near {
     sender: u32,
     /// Whether nothing is in between; otherwise rays tell.
@@ -125,7 +118,7 @@ impl NearLight {
             near.sender = used.partition_point(|&face| face < near.sender) as u32;
         }
         let senders = lit.senders(&used, &ranges)?;
-        let mut all = Self { rays: NoDebug(rays), looks, near, senders, rest: Vec::new() };
+        let mut all = Self { rays, looks, near, senders, rest: Vec::new() };
         for pass in 0..PASSES {
             let received: Vec<[DVec3; 16]> = read
                 .par_iter()
@@ -188,7 +181,7 @@ impl NearLight {
         let mut sum = DVec3::ZERO;
         for near in &self.near[face] {
             let sender = &self.senders[near.sender as usize];
-            let at = At { rays: (!near.clear).then_some(&self.rays.0), facets, face, point, sender };
+            let at = At { rays: (!near.clear).then_some(&self.rays), facets, face, point, sender };
             sum += at.of_part(facets[sender.face as usize].corners, 0, 0);
         }
         sum

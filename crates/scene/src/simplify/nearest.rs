@@ -1,6 +1,7 @@
 //! The triangle of a surface that is nearest to a place.
 
 use super::super::bounds;
+use super::super::contacts::barycentric;
 use super::super::rays::boxed;
 use glam::DVec3;
 use obvhs::BvhBuildParams;
@@ -79,14 +80,9 @@ fn area_vector([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }
 
-/// Barycentric coordinates of a place's projection onto a triangle's plane.
-fn projected([a, b, c]: [DVec3; 3], place: DVec3) -> Option<DVec3> {
-    let normal = area_vector([a, b, c]);
-    let twice = normal.length_squared();
-    let of = |p: DVec3, q: DVec3| (p - place).cross(q - place).dot(normal) / twice;
-    let (x, y) = (of(b, c), of(c, a));
-    let found = DVec3::new(x, y, 1.0 - x - y);
-    found.is_finite().then_some(found)
+/// Barycentric coordinates of a place's projection onto a triangle's plane; `None` without area.
+fn projected(corners: [DVec3; 3], place: DVec3) -> Option<DVec3> {
+    Some(barycentric(corners, area_vector(corners), place)).filter(|found| found.is_finite())
 }
 
 /// Barycentric coordinates of a place in the plane of a triangle, or near the triangle where the place is far beside it.
