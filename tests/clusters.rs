@@ -42,7 +42,7 @@ fn planned(scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> Pla
 
 fn why(plan: &Plan) -> &'static str {
     match plan.transport() {
-        PlannedTransport::Exact { why } | PlannedTransport::Rays { why } => why,
+        PlannedTransport::Exact { why } | PlannedTransport::Rays { why, .. } => why,
         PlannedTransport::Hierarchical { .. } => "",
     }
 }

@@ -384,7 +384,7 @@ impl Plan {
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
         let transport = match visibility::why_explicit(&facets, settings, options)? {
-            Some(why) => PlannedTransport::Rays { why },
+            Some(why) => PlannedTransport::Rays { rays: transport::rays_for(settings.transport), why },
             None => PlannedTransport::default(),
         };
         let explicit = transport.is_explicit();

@@ -1,8 +1,7 @@
 //! Shares: the targets that each of several ranks computes, a range of every group with work in proportion to
 //! weights.
 
-use super::near_matrix::RAYS;
-use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, PlanOptions};
+use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, PlanOptions, PlannedTransport};
 use crate::model::{ClusterRun, LIST, ReceiverLists, SOURCES};
 use std::ops::Range;
 
@@ -143,8 +142,8 @@ impl Plan {
     /// Work of a tile as a receiver, in point-to-point pairs.
     fn work_of_tile(&self, tile: u32) -> u64 {
         let slots = self.layout.slots_of(&(tile..tile + 1));
-        if self.transport.is_explicit() {
-            return u64::from(self.layout.tile) * RAYS as u64;
+        if let PlannedTransport::Rays { rays, .. } = self.transport {
+            return u64::from(self.layout.tile) * u64::from(rays);
         }
         let pairs = &self.interactions.by_receiver;
         let far: u64 = match self.clusters() {

@@ -1,6 +1,5 @@
 //! Clusters or the exact sum.
 
-use super::near_matrix::RAYS;
 use super::{ClusterChoice, Group, Interactions, MemoryPlan, Plan, PlanError, Residency, page_tiles};
 use crate::model::{Class, LIST};
 use antirad_scene::Transport;
@@ -23,6 +22,8 @@ pub enum PlannedTransport {
     },
     /// Rays: visibility is explicit.
     Rays {
+        /// Rays of a triangle.
+        rays: u32,
         /// Why visibility is explicit.
         why: &'static str,
     },
@@ -34,14 +35,29 @@ impl PlannedTransport {
         matches!(self, Self::Rays { .. })
     }
 
+    /// Rays of a triangle where visibility is explicit.
+    pub fn rays(self) -> Option<u32> {
+        match self {
+            Self::Rays { rays, .. } => Some(rays),
+            _ => None,
+        }
+    }
+
     /// The error of irradiance that clusters may cause, relative to its mean, or rays.
     pub fn error(self) -> f64 {
         match self {
             Self::Exact { .. } => 0.0,
-            Self::Rays { .. } => OF_A_RAY / (RAYS as f64).sqrt(),
+            Self::Rays { rays, .. } => OF_A_RAY / f64::from(rays).sqrt(),
             Self::Hierarchical { error } => error,
         }
     }
+}
+
+/// Rays of a triangle for the error that far light may have: a power of two, by which Sobol' points are evenly spread.
+pub(super) fn rays_for(transport: Transport) -> u32 {
+    let Transport::Hierarchical { error } = transport else { return USUAL_RAYS };
+    let enough = (OF_A_RAY / error).powi(2).ceil().min(f64::from(MOST_RAYS)) as u32;
+    enough.next_power_of_two().clamp(FEWEST_RAYS, MOST_RAYS)
 }
 
 impl Default for PlannedTransport {
@@ -55,13 +71,17 @@ impl fmt::Display for PlannedTransport {
         match self {
             Self::Exact { why } => write!(f, "exact: {why}"),
             Self::Hierarchical { error } => write!(f, "clusters, error {error}"),
-            Self::Rays { why } => write!(f, "explicit visibility, {RAYS} rays a triangle: {why}"),
+            Self::Rays { rays, why } => write!(f, "explicit visibility, {rays} rays a triangle: {why}"),
         }
     }
 }
 
 /// Error of irradiance by one ray, relative to its mean: by n it falls as n^(-1/2), measured from 64 to 4096 in a furnished room.
 const OF_A_RAY: f64 = 0.25;
+/// Rays of a triangle where no error is asked for, and the fewest and most.
+const USUAL_RAYS: u32 = 512;
+const FEWEST_RAYS: u32 = 64;
+const MOST_RAYS: u32 = 1 << 16;
 /// Share of all pairs above which clusters do not pay: culling leaves out about half of the pairs, too.
 const WORTH: f64 = 0.4;
 /// Triangles of the smallest clusters.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Rays of a triangle that look for dense blockers, and triangles that are looked at, at most.
-const EACH: usize = 8;
+const EACH: u32 = 8;
 const LOOKED_AT: usize = 1 << 15;
 /// Solid angle of a direction bin by default, sr: the same whatever the bins, so that these do not change what is chosen.
 const BIN: f64 = TAU / 130.0;
@@ -56,18 +56,18 @@ fn dense_share(facets: &[Facet]) -> f64 {
     let looked: Vec<usize> = (0..facets.len()).step_by(step).filter(|&i| facets[i].area > 0.0).collect();
     let dense = |&i: &usize| rays_of(&facets[i], i as u64, EACH).filter(|&ray| is_dense(i, ray)).count();
     let found: usize = looked.par_iter().map(dense).sum();
-    found as f64 / (looked.len() * EACH).max(1) as f64
+    found as f64 / (looked.len() * EACH as usize).max(1) as f64
 }
 
 /// Rays that leave all over the front of a triangle, as many in each direction as its cosine asks for: origins and unit directions. A seed always
 /// gives the same ones.
-pub(super) fn rays_of(facet: &Facet, seed: u64, count: usize) -> impl Iterator<Item = (DVec3, DVec3)> {
+pub(super) fn rays_of(facet: &Facet, seed: u64, count: u32) -> impl Iterator<Item = (DVec3, DVec3)> {
     let basis = orthonormal_basis(facet.normal);
     let corners = facet.corners;
     let shifts = [0, 1].map(|k| mixed(seed ^ mixed(k)));
     let [turned, moved] = shifts.map(|shift| [shift as u32, (shift >> 32) as u32]);
     let unit = |x: u32| f64::from(x) / 2f64.powi(32);
-    (0..count as u32).map(move |ray| {
+    (0..count).map(move |ray| {
         let [s, t] = sobol(ray);
         let (outward, turn) = (unit(s ^ turned[0]), unit(t ^ turned[1]));
         let place = [0, 1].map(|k| unit(moved[k].wrapping_add(ray.wrapping_mul(STEPS[k]))));

@@ -1,7 +1,9 @@
 //! Error estimates of an answer, from the answer itself and a comparison solve with other settings.
 
 use super::Answer;
+use super::mesh::MeshError;
 use super::pictures::Visible;
+use super::surface::Surface;
 use crate::image::ImageError;
 use crate::shading::{Light, Shading};
 use antirad_scene::{Edges, Scene, Welded};
@@ -68,7 +70,8 @@ pub struct PictureEstimate {
 
 impl ErrorEstimate {
     /// `own` is the answer, `other` that of the comparison solve. `ratio` of error to difference: see
-    /// [`IrradianceEstimate::compared`]; `clusters`: see [`IrradianceEstimate::clusters`].
+    /// [`IrradianceEstimate::compared`]; `clusters`: see [`IrradianceEstimate::clusters`]. Returns with it what a finer mesh would mend:
+    /// [`IrradianceEstimate::mesh`], and of each picture [`PictureEstimate::within`].
     pub(super) fn new(
         scene: &Scene,
         own: &Answer,
@@ -76,13 +79,14 @@ impl ErrorEstimate {
         [ratio, clusters]: [f64; 2],
         visible: &[Visible],
         shading: Shading,
-    ) -> Result<Self, ImageError> {
+    ) -> Result<(Self, Vec<MeshError>), ImageError> {
         let gathered = shading == Shading::Gathered;
         let surface = Surface::new(scene);
         let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
         let residual = own.info.residuals.last().copied().unwrap_or(0.0) / left;
         let known = [residual, clusters, own.sampling_error];
-        let irradiance = IrradianceEstimate::new(scene, &surface, own, other, ratio, known);
+        let (irradiance, mesh) = IrradianceEstimate::new(scene, &surface, own, other, ratio, known);
+        let mut of_mesh = vec![mesh];
         let colours = own.colours.iter().zip(&other.colours);
         let pictures: Vec<PictureEstimate> = visible
             .iter()
@@ -93,11 +97,13 @@ impl ErrorEstimate {
                     true => Differences::of_gathered([&own.light, &other.light], view, visible)?,
                     false => Differences::of_faces(scene, &surface, visible, colours),
                 };
-                Ok(PictureEstimate::new(visible, differences, ratio, known))
+                let picture = PictureEstimate::new(visible, &differences, ratio, known);
+                of_mesh.push(differences.within);
+                Ok(picture)
             })
             .collect::<Result<_, ImageError>>()?;
         let total = pictures.iter().map(|picture| picture.total).fold(irradiance.total, f64::max);
-        Ok(Self { total, irradiance, pictures })
+        Ok((Self { total, irradiance, pictures }, of_mesh))
     }
 }
 
@@ -109,18 +115,19 @@ impl IrradianceEstimate {
         other: &Answer,
         ratio: f64,
         [residual, clusters, sampling]: [f64; 3],
-    ) -> Self {
+    ) -> (Self, MeshError) {
         let values = vectors(&own.irradiance);
         let norm = |of: &dyn Fn(usize) -> DVec3| norm(&surface.weights, of);
-        let over = relative_to(norm(&|i| values[i]));
-        let compared = ratio * over(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
-        let mesh = over(norm(&|i| surface.off_neighbours(&values, i)));
+        let all = norm(&|i| values[i]);
+        let compared = ratio * relative_to(all)(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
+        let of_mesh = MeshError::new(&surface.weights, &|i| surface.off_neighbours(&values, i), all);
+        let mesh = of_mesh.total();
         let parts = root_of_squares([compared, mesh, residual, clusters, sampling]);
         let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
         let escaped = (sum(own.energy.escaped) / sum(own.energy.emitted).max(f64::MIN_POSITIVE)).abs();
         let balance = is_closed(scene).then_some(escaped);
         let total = balance.map_or(parts, |balance| parts.max(balance));
-        Self { total, compared, mesh, residual, clusters, sampling, balance }
+        (Self { total, compared, mesh, residual, clusters, sampling, balance }, of_mesh)
     }
 }
 
@@ -129,7 +136,7 @@ struct Differences {
     /// Difference from the comparison solve.
     compared: f64,
     /// Variation of light within triangles that the picture does not show, as in [`PictureEstimate::within`].
-    within: f64,
+    within: MeshError,
     /// Standard error of reflections by rays.
     rays: f64,
 }
@@ -151,10 +158,10 @@ impl Differences {
         };
         let (own, other) = (reflected(own), reflected(other));
         let norm = |of: &dyn Fn(usize) -> DVec3| norm(&visible.samples, of);
-        let over = relative_to(norm(&|i| own[i]));
+        let all = norm(&|i| own[i]);
         Self {
-            compared: over(norm(&|i| own[i] - other[i])),
-            within: over(norm(&|i| surface.within(&own, i))),
+            compared: relative_to(all)(norm(&|i| own[i] - other[i])),
+            within: MeshError::new(&visible.samples, &|i| surface.within(&own, i), all),
             rays: 0.0,
         }
     }
@@ -165,10 +172,10 @@ impl Differences {
         let reflected = |light: &Light| light.reflected(view, &visible.coverage);
         let ((own, rays), (other, _)) = (reflected(own)?, reflected(other)?);
         let pixels = vec![1.0; own.len()];
-        let over = relative_to(norm(&pixels, &|i| own[i]));
+        let all = norm(&pixels, &|i| own[i]);
         Ok(Self {
-            compared: over(norm(&pixels, &|i| own[i] - other[i])),
-            within: over(norm(&visible.samples, &|i| blur[i])),
+            compared: relative_to(all)(norm(&pixels, &|i| own[i] - other[i])),
+            within: MeshError::new(&visible.samples, &|i| blur[i], all),
             rays,
         })
     }
@@ -177,12 +184,12 @@ impl Differences {
 impl PictureEstimate {
     fn new(
         visible: &Visible,
-        Differences { compared, within, rays }: Differences,
+        Differences { compared, within, rays }: &Differences,
         ratio: f64,
         [residual, clusters, sampling]: [f64; 3],
     ) -> Self {
-        let compared = ratio * compared;
-        let sampling = root_of_squares([sampling, rays]);
+        let (compared, within) = (ratio * compared, within.total());
+        let sampling = root_of_squares([sampling, *rays]);
         let total = root_of_squares([compared, within, residual, clusters, sampling]);
         Self { camera: visible.camera.clone(), total, compared, within, residual, clusters, sampling }
     }
@@ -254,67 +261,6 @@ fn is_closed(scene: &Scene) -> bool {
     volume < 0.0 && edges.iter().all(|edge| edge.balance() == 0)
 }
 
-/// Neighbours whose normals have a cosine above this are coplanar.
-const COPLANAR: f64 = 0.999;
-
-/// Areas and coplanar neighbours of triangles.
-struct Surface {
-    /// Area, m²; zero of what only emits: what falls on a lamp or the sky changes nothing.
-    weights: Vec<f64>,
-    /// Coplanar triangles across an edge, per triangle.
-    neighbours: Vec<Vec<u32>>,
-    /// Index per triangle.
-    materials: Vec<u32>,
-}
-
-impl Surface {
-    fn new(scene: &Scene) -> Self {
-        let count = scene.triangles.len();
-        let vectors: Vec<DVec3> = (0..count).map(|i| scene.area_vector(i)).collect();
-        let areas: Vec<f64> = vectors.iter().map(|v| v.length()).collect();
-        let counts = |i: &usize| !scene.material(*i).only_emits();
-        let weights = (0..count).map(|i| if counts(&i) { areas[i] } else { 0.0 }).collect();
-        let mut neighbours = vec![Vec::new(); count];
-        for edge in Edges::of(scene.triangles.iter().map(|t| t.vertices)).iter() {
-            let Some([i, j]) = edge.pair().map(|pair| pair.map(|t| t as usize)) else { continue };
-            if vectors[i].dot(vectors[j]) > COPLANAR * areas[i] * areas[j] {
-                neighbours[i].push(j as u32);
-                neighbours[j].push(i as u32);
-            }
-        }
-        let materials = scene.triangles.iter().map(|t| t.material).collect();
-        Self { weights, neighbours, materials }
-    }
-
-    /// (mean of the neighbours - own value) / 4. For smooth E on equilateral triangles of side s, the mean over a triangle
-    /// differs from the value at its centroid by s²/48 ∇²E, and the mean of the three neighbours by s²/12 ∇²E.
-    fn off_neighbours(&self, values: &[DVec3], triangle: usize) -> DVec3 {
-        match self.neighbours[triangle].as_slice() {
-            // At a border a slope would look like curvature.
-            list if list.len() == 3 => {
-                let sum: DVec3 = list.iter().map(|&j| values[j as usize]).sum();
-                0.25 * (sum / 3.0 - values[triangle])
-            }
-            _ => DVec3::ZERO,
-        }
-    }
-
-    /// Estimates the standard deviation of light within a triangle from the differences to its neighbours. For a slope g on
-    /// equilateral triangles of side s, the variance is g²s²/24, a quarter of the mean squared difference, since centroids are
-    /// s/√3 apart in three directions. Along a shadow edge a quarter gives 1/8 of the squared step where 1/6 is true. We take a
-    /// third, which is right there and overestimates the deviation of a slope by a sixth.
-    fn within(&self, values: &[DVec3], triangle: usize) -> DVec3 {
-        let of_one_material = |&&j: &&u32| self.materials[j as usize] == self.materials[triangle];
-        let (mut squares, mut count) = (DVec3::ZERO, 0.0);
-        for &j in self.neighbours[triangle].iter().filter(of_one_material) {
-            let difference = values[j as usize] - values[triangle];
-            squares += difference * difference;
-            count += 1.0;
-        }
-        if count > 0.0 { (squares / (3.0 * count)).map(f64::sqrt) } else { DVec3::ZERO }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -327,60 +273,10 @@ mod tests {
         builder.finish("scene").expect("a scene")
     }
 
-    /// Values of a function of x at the centroids.
-    fn centroids(scene: &Scene, of: impl Fn(f64) -> f64) -> Vec<DVec3> {
-        let at = |i: usize| (scene.corners(i).iter().sum::<DVec3>() / 3.0).x;
-        (0..scene.triangles.len()).map(|i| DVec3::new(of(at(i)), 0.0, 0.0)).collect()
-    }
-
     #[test]
     fn rooms_are_closed_and_boxes_and_sheets_are_not() {
         assert!(is_closed(&scene(Shape::Room { cells: 3 })));
         assert!(!is_closed(&scene(Shape::Box { cells: 3 })));
         assert!(!is_closed(&scene(Shape::Quad { cells: 3 })));
-    }
-
-    /// E = x² over a square of n x n cells: the mean over a triangle with legs h differs from the value at its centroid by
-    /// h²/18.
-    #[test]
-    fn neighbours_estimate_the_mean_over_a_triangle() {
-        for cells in [8, 32] {
-            let scene = scene(Shape::Quad { cells });
-            let (surface, values) = (Surface::new(&scene), centroids(&scene, |x| x * x));
-            let exact = (1.0 / f64::from(cells)).powi(2) / 18.0;
-            let found = norm(&surface.weights, &|i| surface.off_neighbours(&values, i));
-            println!("{cells} cells: {found:.2e}, exact {exact:.2e}");
-            assert!(found / exact >= 0.5 && found / exact <= 2.0, "{found} {exact}");
-        }
-    }
-
-    /// E = x: the mean squared deviation within a right triangle with legs h is h²/18, a quarter of the mean squared difference.
-    #[test]
-    fn neighbours_estimate_the_variation_within_a_triangle() {
-        for cells in [8, 32] {
-            let scene = scene(Shape::Quad { cells });
-            let surface = Surface::new(&scene);
-            let values = centroids(&scene, |x| x);
-            let slope = norm(&surface.weights, &|i| surface.within(&values, i));
-            let exact = 1.0 / (f64::from(cells) * 18f64.sqrt());
-            let expected = exact * (4.0f64 / 3.0).sqrt();
-            println!("{cells} cells, slope: {slope:.2e}, exact {exact:.2e}");
-            // Up to the border, where neighbours are missing.
-            assert!((slope / expected - 1.0).abs() <= 0.5 / f64::from(cells), "{slope} {expected}");
-        }
-    }
-
-    /// A step of albedo is not a variation within a triangle.
-    #[test]
-    fn material_borders_are_not_shadows() {
-        let (black, white) = (Material::named("black"), Material::named("white"));
-        let mut scene = scene(Shape::Quad { cells: 2 });
-        scene.materials = vec![black, white];
-        for (i, triangle) in scene.triangles.iter_mut().enumerate() {
-            triangle.material = i as u32 % 2;
-        }
-        let surface = Surface::new(&scene);
-        let values: Vec<DVec3> = (0..scene.triangles.len()).map(|i| DVec3::splat((i % 2) as f64)).collect();
-        assert!((0..values.len()).all(|i| surface.within(&values, i) == DVec3::ZERO));
     }
 }

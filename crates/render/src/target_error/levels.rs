@@ -5,6 +5,7 @@ use antirad_core::model::{Bins, classify, spatial_order};
 use antirad_core::plan::{Placement, Plan, PlanError, PlanOptions, Residency};
 use antirad_scene::{BinLayout, Choice, Scene, SolveSettings, Transport, VisibilityChoice};
 use serde::Serialize;
+use std::f64::consts::SQRT_2;
 
 /// One refinement level.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,9 +15,11 @@ pub(super) struct Level {
     /// Cells along a side of the equal-area square: bins of equal size, which coarse blockers need.
     concentric: u32,
     pub near_field: f64,
-    /// How many times every triangle is cut into four.
+    /// How many times every triangle is cut into four, besides those that the estimate names.
     pub cuts: u32,
     pub tolerance: f64,
+    /// Where visibility is explicit: the error of irradiance that rays may cause.
+    rays: Option<f64>,
     /// Typical error of the level in the sweep of `bench_accuracy`.
     usual: f64,
 }
@@ -29,17 +32,42 @@ const fn level(
     tolerance: f64,
     usual: f64,
 ) -> Level {
-    Level { equal_angle, concentric, near_field, cuts, tolerance, usual }
+    Level { equal_angle, concentric, near_field, cuts, tolerance, rays: None, usual }
 }
 
-/// Levels for scenes with shadows or gloss whose lamps are exact. The light in bins is then that of
-/// reflections, which changes slowly with direction; what is left to refine is the mesh.
+/// A level of explicit visibility. `concentric`: bins along a side of the square, of glossy triangles alone; `rays`: the error of irradiance
+/// that these may cause.
+const fn explicit(concentric: u32, rays: f64, tolerance: f64, usual: f64) -> Level {
+    Level { equal_angle: (2, 3), concentric, near_field: 10.0, cuts: 0, tolerance, rays: Some(rays), usual }
+}
+
+/// Levels for scenes with shadows or gloss whose lamps are exact. The light in bins is then that of reflections, which changes slowly with
+/// direction: ten by thirteen are enough for two percent. What finer bins leave is not smaller, where blockers stay as large; rays leave
+/// less. What is left to refine is the mesh, where the estimate says.
 const REFLECTED: [Level; 5] = [
     level((6, 8), 8, 10.0, 0, 3e-3, 0.03),
     level((10, 13), 10, 30.0, 0, 1e-3, 0.015),
-    level((14, 18), 16, 30.0, 1, 1e-3, 0.008),
-    level((20, 26), 24, 30.0, 2, 3e-4, 0.004),
-    level((20, 26), 24, 60.0, 3, 1e-4, 0.002),
+    explicit(16, 0.004, 1e-3, 0.008),
+    explicit(24, 0.002, 3e-4, 0.004),
+    explicit(32, 0.001, 1e-4, 0.002),
+];
+
+/// The same by rays alone.
+const EXPLICIT: [Level; 5] = [
+    explicit(8, 0.016, 3e-3, 0.03),
+    explicit(10, 0.008, 1e-3, 0.015),
+    REFLECTED[2],
+    REFLECTED[3],
+    REFLECTED[4],
+];
+
+/// The same by antiradiance alone.
+const IMPLICIT: [Level; 5] = [
+    REFLECTED[0],
+    REFLECTED[1],
+    level((14, 18), 16, 30.0, 0, 1e-3, 0.008),
+    level((20, 26), 24, 30.0, 0, 3e-4, 0.004),
+    level((20, 26), 24, 60.0, 0, 1e-4, 0.002),
 ];
 
 /// Levels for scenes with shadows or gloss by antiradiance. Bins and mesh are refined together: alone,
@@ -56,9 +84,9 @@ const DIRECTIONAL: [Level; 5] = [
 const DIFFUSE: [Level; 5] = [
     level((2, 3), 2, 10.0, 0, 3e-3, 0.015),
     level((2, 3), 2, 30.0, 0, 1e-3, 0.006),
-    level((2, 3), 2, 60.0, 1, 3e-4, 0.003),
-    level((2, 3), 2, 120.0, 2, 1e-4, 0.0015),
-    level((2, 3), 2, 400.0, 3, 1e-5, 0.0),
+    level((2, 3), 2, 60.0, 0, 3e-4, 0.003),
+    level((2, 3), 2, 120.0, 0, 1e-4, 0.0015),
+    level((2, 3), 2, 400.0, 0, 1e-5, 0.0),
 ];
 
 /// (range of the near field, largest share of light lost or gained per bounce), measured in closed rooms and spheres. Over all
@@ -98,12 +126,24 @@ impl LayoutKind {
 
 impl Level {
     /// `directional`: whether the scene has bins; `lamps`: whether the light of its lamps is exact.
-    pub fn all(directional: bool, lamps: bool) -> &'static [Self] {
-        match (directional, lamps) {
-            (true, true) => &REFLECTED,
-            (true, false) => &DIRECTIONAL,
-            (false, _) => &DIFFUSE,
+    pub fn all(visibility: VisibilityChoice, directional: bool, lamps: bool) -> &'static [Self] {
+        match (visibility, directional, lamps) {
+            (VisibilityChoice::Explicit, _, _) => &EXPLICIT,
+            (VisibilityChoice::Implicit, true, true) => &IMPLICIT,
+            (VisibilityChoice::Auto, true, true) => &REFLECTED,
+            (_, true, false) => &DIRECTIONAL,
+            (_, false, _) => &DIFFUSE,
         }
+    }
+
+    /// Bound on the ratio of error to difference from the comparison. Of rays, the difference between half of them and all is as large as the
+    /// error of these, if halves are independent; evenly spread as they are, it is larger.
+    pub fn ratio(&self, layout: LayoutKind) -> f64 {
+        if self.is_explicit() { 1.0 } else { layout.ratio() }
+    }
+
+    pub fn is_explicit(&self) -> bool {
+        self.rays.is_some()
     }
 
     /// The first of these levels whose usual error is within `error`, or the last.
@@ -116,10 +156,16 @@ impl Level {
             LayoutKind::Concentric => COARSE_NEAR * self.near_field,
             LayoutKind::EqualAngle | LayoutKind::None => self.near_field,
         };
-        base.bins(self.bins(layout, self.concentric)).near_field(near.max(usual)).tolerance(self.tolerance)
+        let settings = base.bins(self.bins(layout, self.concentric)).tolerance(self.tolerance);
+        match self.rays {
+            Some(error) => {
+                settings.visibility(VisibilityChoice::Explicit).transport(Transport::Hierarchical { error })
+            }
+            None => settings.near_field(near.max(usual)),
+        }
     }
 
-    /// Settings of the comparison solve: other bins and a third of the near field, so that its errors are as large or larger,
+    /// Settings of the comparison solve: other bins and a third of the near field, or half the rays, so that its errors are as large or larger,
     /// and independent. Where narrow bins fail, fewer bins of equal size.
     pub fn comparison(&self, layout: LayoutKind, near: f64, base: &SolveSettings) -> SolveSettings {
         let fewer = (self.concentric * 5 / 6).next_multiple_of(2);
@@ -131,16 +177,11 @@ impl Level {
             LayoutKind::None => self.bins(layout, self.concentric),
         };
         let settings = self.settings(layout, near, base);
-        settings.bins(bins).near_field(settings.near_field / 3.0)
-    }
-
-    /// Relative cost of a solve and its comparison, of a scene with so many triangles before they are cut: bins times pairs. With
-    /// clusters, a triangle exchanges light with about as many of them as there are triangles below which the sum is exact.
-    pub fn work(&self, triangles: usize, transport: Transport) -> f64 {
-        let (theta, phi) = self.equal_angle;
-        let all = triangles as f64 * 4f64.powi(self.cuts as i32);
-        let others = if transport == Transport::Exact { all } else { all.min(Transport::FEWEST as f64) };
-        f64::from(theta * phi + self.concentric.pow(2)) * all * others
+        let settings = settings.bins(bins);
+        match self.rays {
+            Some(error) => settings.transport(Transport::Hierarchical { error: SQRT_2 * error }),
+            None => settings.near_field(settings.near_field / 3.0),
+        }
     }
 
     fn bins(&self, layout: LayoutKind, n: u32) -> BinLayout {

@@ -12,6 +12,7 @@ mod refine;
 mod shadows;
 
 pub use effect::{Effect, MATTERS, told_from};
+pub(crate) use refine::CUT;
 pub use refine::{RefineError, RefineOptions, Refined, refine};
 pub use shadows::too_coarse;
 

@@ -59,6 +59,9 @@ pub enum RefineError {
     },
 }
 
+/// What smaller triangles mend.
+pub(crate) const CUT: [Kind; 3] = [Kind::CoarseBlockers, Kind::CoarseShadows, Kind::NarrowGaps];
+
 /// Longest edge that stays where a mesh is far too coarse for the light of lamps, as a share of the scene's diagonal: there, light that
 /// surfaces reflect onto each other varies within triangles as well.
 const WIDEST: f64 = 0.15;
@@ -140,7 +143,7 @@ fn cut_coarse(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
 
 /// The triangles to cut, the worst first, each once.
 fn asked(warnings: &Warnings) -> Vec<u32> {
-    let lists = [Kind::CoarseBlockers, Kind::CoarseShadows, Kind::NarrowGaps].map(|kind| warnings.get(kind));
+    let lists = CUT.map(|kind| warnings.get(kind));
     let mut seen = HashSet::new();
     lists.into_iter().flatten().flat_map(|w| &w.triangles).copied().filter(|&t| seen.insert(t)).collect()
 }

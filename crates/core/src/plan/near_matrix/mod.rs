@@ -7,10 +7,9 @@ mod rows;
 mod sliced;
 
 pub use blocks::{IncidentPart, OutgoingPart};
-pub use rays::RAYS;
 pub use sliced::{Block, NO_ROW, SLICE, SlicedMatrix};
 
-use super::{MemoryPlan, NearPairs, Plan, PlanError, Residency};
+use super::{MemoryPlan, NearPairs, Plan, PlanError, PlannedTransport, Residency};
 use crate::model::PADDING;
 use antirad_scene::Precision;
 use blocks::Blocks;
@@ -98,8 +97,8 @@ impl Plan {
     /// # Errors
     /// Fails if light goes by rays and their matrix does not fit.
     pub(super) fn choose_near_field(&mut self) -> Result<(), PlanError> {
-        if self.transport.is_explicit() {
-            return self.keep_rays();
+        if let PlannedTransport::Rays { rays, .. } = self.transport {
+            return self.keep_rays(rays);
         }
         let evaluated = |why| NearField::Evaluated { why };
         self.near_field = self.near_matrix().map_or_else(evaluated, NearField::Kept);
@@ -115,11 +114,11 @@ impl Plan {
     }
 
     /// Traces the rays that all light goes by.
-    fn keep_rays(&mut self) -> Result<(), PlanError> {
+    fn keep_rays(&mut self, rays: u32) -> Result<(), PlanError> {
         let blocks = Blocks::new(&self.layout, self.bins.count());
         let rows = {
             let geometry = self.matrix_geometry();
-            let seen = Seen::new(&geometry);
+            let seen = Seen::new(&geometry, rays);
             let slots = || (0..self.layout.slots()).filter(|&s| self.layout.order[s as usize] != PADDING);
             let own: Vec<u32> = slots().filter(|&slot| self.owns(slot)).collect();
             let rows = seen.rows(&blocks, &own);

@@ -12,24 +12,23 @@ use antirad_scene::Rays;
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// Rays of a triangle.
-pub const RAYS: usize = 512;
-
 /// What triangles see of each other.
 pub struct Seen<'a> {
     geometry: &'a Geometry<'a>,
     rays: Rays,
+    /// Rays of a triangle.
+    count: u32,
     /// The slot of each triangle.
     slots: Vec<u32>,
 }
 
 impl<'a> Seen<'a> {
-    pub fn new(geometry: &'a Geometry<'a>) -> Self {
+    pub fn new(geometry: &'a Geometry<'a>, count: u32) -> Self {
         let Geometry { facets, layout, .. } = *geometry;
         let mut slots = vec![PADDING; facets.len()];
         let placed = layout.order.iter().zip(0..).filter(|(triangle, _)| **triangle != PADDING);
         placed.for_each(|(&triangle, slot)| slots[triangle as usize] = slot);
-        Self { geometry, rays: rays_among(facets), slots }
+        Self { geometry, rays: rays_among(facets), count, slots }
     }
 
     /// The rows of some receivers.
@@ -40,7 +39,7 @@ impl<'a> Seen<'a> {
             let basis = orthonormal_basis(facets[receiver].normal);
             for of_source in self.hits(receiver).chunk_by(|a, b| a.slot == b.slot) {
                 let slot = of_source[0].slot;
-                let diffuse = PI / RAYS as f64;
+                let diffuse = PI / f64::from(self.count);
                 let glossy = classes[layout.order[slot as usize] as usize].glossy;
                 let binned = if glossy { diffuse } else { 0.0 };
                 sums.pair(slot, (receiver, &basis), |tap| {
@@ -56,7 +55,7 @@ impl<'a> Seen<'a> {
     fn hits(&self, receiver: usize) -> Vec<Hit> {
         let facets = self.geometry.facets;
         let mut hits = Vec::new();
-        for (origin, towards) in rays_of(&facets[receiver], receiver as u64, RAYS) {
+        for (origin, towards) in rays_of(&facets[receiver], receiver as u64, self.count) {
             let met = self.rays.nearest(origin, towards, Some(receiver));
             let front = met.filter(|&(source, _)| towards.dot(facets[source].normal) < 0.0);
             hits.extend(front.map(|(source, _)| Hit { slot: self.slots[source], direction: -towards }));
