@@ -3,6 +3,7 @@
     scripts/compare                      # an hour or two on two cores
     scripts/compare --quick              # a minute: small pictures, few samples; figures mean nothing
     scripts/compare --scenes cornell_boxes --parts pictures gradients
+    scripts/compare --scenes my/room.toml --parts tolerances    # whole commands, by --target-error
 
 Writes to --output: results.json, comparison.md (the tables), and a plot for each scene and part.
 """
@@ -11,6 +12,7 @@ import argparse
 import json
 import os
 import platform
+import subprocess
 import time
 from pathlib import Path
 
@@ -306,12 +308,42 @@ def fit(scene, traced, truth, options):
     }
 
 
+def tolerances(scene, traced, truth, options):
+    """Render by the command line to several target errors; errors are without the noise of the reference."""
+    folder = options.output / "tolerances"
+    camera = scene.cameras[0]
+
+    def error(picture):
+        return max(relative_mse(picture, truth) - options.noise, 0.0)
+
+    solved = []
+    for tolerance in options.tolerances:
+        command = [options.program, "render", options.file, "--camera", camera.name, "--quiet"]
+        command += ["--supersample", str(options.supersample), "--output", folder]
+        command += ["--target-error", str(tolerance)] if tolerance else []
+
+        def render(command=command):
+            # 3: written, above the target.
+            if subprocess.run(command, check=False).returncode not in (0, 3):
+                raise SystemExit(f"{command} failed")
+
+        _, seconds = best_of(render, options.runs)
+        picture = np.array(mi.Bitmap(str(folder / f"{camera.name}.exr")), dtype=np.float64)[..., :3]
+        name = f"target {tolerance:.1%}" if tolerance else "no target"
+        solved.append({"name": name, "seconds": seconds, "error": [error(picture)]})
+        print(f"{name}: {seconds:.1f} s, {error(picture):.2e}", flush=True)
+    curve = traced_curve(traced.picture, error, options.spp, options.seconds, options.runs)
+    return {"antirad": solved, "mitsuba": curve}
+
+
 MEASURES = {
+    "tolerances": "relMSE",
     "pictures": "relMSE",
     "gradients": "relative error of the gradient",
     "fit": "error of albedo and emission",
 }
-PARTS = {"pictures": pictures, "gradients": gradients, "fit": fit}
+PARTS = {"pictures": pictures, "gradients": gradients, "fit": fit, "tolerances": tolerances}
+USUAL = ("pictures", "gradients", "fit")
 
 
 def plot(scene, part, result, folder):
@@ -374,8 +406,13 @@ def table(results):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", default=["cornell_boxes", "two_rooms", "closed_box"])
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument(
+        "--scenes",
+        nargs="+",
+        default=["cornell_boxes", "two_rooms", "closed_box"],
+        help="names in scenes/, or scene files",
+    )
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(USUAL))
     parser.add_argument("--output", type=Path, default=Path("out/compare"))
     parser.add_argument("--reference", type=int, default=8192, help="samples per pixel of the reference")
     parser.add_argument("--batches", type=int, default=16, help="runs whose mean is the reference gradient")
@@ -384,6 +421,10 @@ def main():
     parser.add_argument("--fit-seconds", type=float, default=60, help="of each fit of Mitsuba")
     parser.add_argument("--runs", type=int, default=5, help="repetitions of each point")
     parser.add_argument("--supersample", type=int, default=4)
+    parser.add_argument(
+        "--tolerances", nargs="+", type=float, default=[0, 0.05, 0.02, 0.01, 0.005], help="0: none"
+    )
+    parser.add_argument("--program", type=Path, default=Path("target/release/antirad"))
     parser.add_argument("--width", type=int, help="of pictures [default: that of the scene's first camera]")
     parser.add_argument("--quick", action="store_true")
     options = parser.parse_args()
@@ -403,7 +444,9 @@ def main():
         "scenes": {},
     }
     for name in options.scenes:
-        scene = antirad.Scene.load(SCENES / f"{name}.toml")
+        options.file = Path(name) if name.endswith(".toml") else SCENES / f"{name}.toml"
+        name = options.file.stem
+        scene = antirad.Scene.load(options.file)
         camera = scene.cameras[0]
         if options.width:
             height = max(1, round(camera.height * options.width / camera.width))
@@ -414,7 +457,7 @@ def main():
         truth = (halves[0] + halves[1]) / 2
         of_scene = results["scenes"].setdefault(name, {})
         # The mean of two halves has half the variance of each, and their difference twice.
-        of_scene["reference noise"] = relative_mse(halves[0], halves[1]) / 4
+        options.noise = of_scene["reference noise"] = relative_mse(halves[0], halves[1]) / 4
         print(f"{name}: reference with relMSE {of_scene['reference noise']:.1e}", flush=True)
         for part in options.parts:
             of_scene[part] = PARTS[part](scene, traced, truth, options)

@@ -163,7 +163,7 @@ pub enum Transport {
     Auto,
     /// Every triangle from every other.
     Exact,
-    /// Neighbours that are far away are taken together, as one source.
+    /// Neighbours that are far away are taken together, as one source. Where visibility is explicit: as many rays as the error takes.
     Hierarchical {
         /// Error of irradiance that this may cause, relative to its mean.
         error: f64,

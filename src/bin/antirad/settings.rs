@@ -125,7 +125,8 @@ pub struct SceneSettings {
     #[arg(long, value_name = "PRECISION", value_parser = word::<Precision>(PRECISIONS))]
     precision: Option<Precision>,
     /// How light from far triangles is summed up: exact; hierarchical:ERROR, with clusters that may change irradiance by this error,
-    /// relative to its mean; or auto, in meshes of 4000 triangles and more with clusters within .5 % or the target error
+    /// relative to its mean; or auto, in meshes of 4000 triangles and more with clusters within .5 % or the target error. Where visibility is
+    /// explicit, with as many rays as that error takes
     #[arg(long, value_name = "TRANSPORT")]
     transport: Option<Transport>,
     /// How blockers keep light from what is behind them: by antiradiance (implicit); by rays, which serve where blockers are dense (explicit);

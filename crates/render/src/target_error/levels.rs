@@ -44,22 +44,18 @@ const fn explicit(concentric: u32, rays: f64, tolerance: f64, usual: f64) -> Lev
 /// Levels for scenes with shadows or gloss whose lamps are exact. The light in bins is then that of reflections, which changes slowly with
 /// direction: ten by thirteen are enough for two percent. What finer bins leave is not smaller, where blockers stay as large; rays leave
 /// less. What is left to refine is the mesh, where the estimate says.
-const REFLECTED: [Level; 5] = [
+const REFLECTED: [Level; 6] = [
     level((6, 8), 8, 10.0, 0, 3e-3, 0.03),
     level((10, 13), 10, 30.0, 0, 1e-3, 0.015),
-    explicit(16, 0.004, 1e-3, 0.008),
-    explicit(24, 0.002, 3e-4, 0.004),
-    explicit(32, 0.001, 1e-4, 0.002),
+    explicit(16, 0.008, 1e-3, 0.008),
+    explicit(16, 0.004, 1e-3, 0.004),
+    explicit(24, 0.002, 3e-4, 0.002),
+    explicit(32, 0.001, 1e-4, 0.001),
 ];
 
 /// The same by rays alone.
-const EXPLICIT: [Level; 5] = [
-    explicit(8, 0.016, 3e-3, 0.03),
-    explicit(10, 0.008, 1e-3, 0.015),
-    REFLECTED[2],
-    REFLECTED[3],
-    REFLECTED[4],
-];
+const EXPLICIT: [Level; 5] =
+    [explicit(8, 0.016, 3e-3, 0.015), REFLECTED[2], REFLECTED[3], REFLECTED[4], REFLECTED[5]];
 
 /// The same by antiradiance alone.
 const IMPLICIT: [Level; 5] = [
@@ -140,6 +136,11 @@ impl Level {
     /// error of these, if halves are independent; evenly spread as they are, it is larger.
     pub fn ratio(&self, layout: LayoutKind) -> f64 {
         if self.is_explicit() { 1.0 } else { layout.ratio() }
+    }
+
+    /// The level for a mesh of so many times as many triangles as it started with: of the same number of rays in all.
+    pub fn with_finer(self, times: f64) -> Self {
+        Self { rays: self.rays.map(|error| error * times.sqrt()), ..self }
     }
 
     pub fn is_explicit(&self) -> bool {
@@ -285,18 +286,33 @@ mod tests {
 
     #[test]
     fn comparisons_have_other_settings() {
-        for (directional, lamps) in [(false, false), (true, false), (true, true)] {
-            for level in Level::all(directional, lamps) {
-                for layout in [LayoutKind::EqualAngle, LayoutKind::Concentric, LayoutKind::None] {
-                    let own = level.settings(layout, 0.0, &SolveSettings::default());
-                    let other = level.comparison(layout, 0.0, &SolveSettings::default());
-                    assert!(other.near_field < own.near_field);
-                    assert!(
-                        layout == LayoutKind::None || level.concentric < 4 || other.bins != own.bins,
-                        "{own:?}"
-                    );
-                }
+        let lists = [&REFLECTED[..], &EXPLICIT, &IMPLICIT, &DIRECTIONAL, &DIFFUSE];
+        for level in lists.into_iter().flatten() {
+            for layout in [LayoutKind::EqualAngle, LayoutKind::Concentric, LayoutKind::None] {
+                let own = level.settings(layout, 0.0, &SolveSettings::default());
+                let other = level.comparison(layout, 0.0, &SolveSettings::default());
+                let fewer = match (own.transport, other.transport) {
+                    (Transport::Hierarchical { error }, Transport::Hierarchical { error: other }) => {
+                        other > error
+                    }
+                    _ => other.near_field < own.near_field,
+                };
+                assert!(fewer, "{own:?}, {other:?}");
+                assert!(
+                    layout == LayoutKind::None || level.concentric < 4 || other.bins != own.bins,
+                    "{own:?}"
+                );
             }
+        }
+    }
+
+    /// What a level is expected to leave falls from each to the next, and so does what its rays may cause.
+    #[test]
+    fn levels_go_from_cheap_to_accurate() {
+        for list in [&REFLECTED[..], &EXPLICIT, &IMPLICIT, &DIRECTIONAL, &DIFFUSE] {
+            assert!(list.windows(2).all(|two| two[1].usual < two[0].usual), "{list:?}");
+            let rays: Vec<f64> = list.iter().filter_map(|level| level.rays).collect();
+            assert!(rays.windows(2).all(|two| two[1] < two[0]), "{list:?}");
         }
     }
 

@@ -3,8 +3,7 @@
 use antirad_scene::Scene;
 use glam::DVec3;
 
-/// By how much a cut into four lowers the square of a triangle's error: light that is smooth leaves a sixteenth, an edge of a shadow
-/// more.
+/// What a cut into four is expected to leave of the square of a triangle's error: of smooth light it would be a sixteenth.
 const AFTER_A_CUT: f64 = 1.0 / 12.0;
 
 /// Share of the allowed error that is left after cutting, if the estimate is right.
@@ -105,4 +104,36 @@ pub(super) fn cuts(errors: &[MeshError], allowed: f64, room: usize) -> (Vec<u32>
 /// Triangles that so many cuts of each add.
 pub(super) fn added(cuts: &[u32]) -> usize {
     cuts.iter().map(|&times| 4_usize.pow(times) - 1).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(squares: &[f64]) -> MeshError {
+        MeshError::new(squares, &|_| DVec3::X, 1.0)
+    }
+
+    #[test]
+    fn the_worst_are_cut_until_errors_are_expected_to_be_allowed() {
+        let error = of(&[1e-2, 1e-6, 2e-3, 0.0, 1e-6]);
+        let (times, more) = cuts(std::slice::from_ref(&error), 0.05, 1000);
+        assert_eq!((&times[..], more), (&[1, 0, 1, 0, 0][..], 6));
+        let (times, _) = cuts(std::slice::from_ref(&error), 0.02, 1000);
+        assert_eq!(times, [2, 0, 1, 0, 0]);
+        assert_eq!(cuts(&[error], 0.2, 1000), (vec![0; 5], 0), "it is allowed already");
+    }
+
+    #[test]
+    fn there_is_room_for_the_worst_alone() {
+        let (times, more) = cuts(&[of(&[1e-2, 2e-3, 2e-3])], 0.02, 5);
+        assert_eq!(times, [1, 0, 0]);
+        assert!(more > 5, "{more}");
+    }
+
+    #[test]
+    fn every_error_has_its_own_triangles() {
+        let (times, _) = cuts(&[of(&[1e-2, 0.0]), of(&[0.0, 1e-2]), of(&[f64::NAN, 1.0])], 0.05, 1000);
+        assert_eq!(times, [1, 1]);
+    }
 }

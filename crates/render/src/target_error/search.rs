@@ -248,7 +248,8 @@ impl<'a> Search<'a> {
 
     /// Plans both solves of a step before either is run.
     fn plan(&self, next: Next) -> Result<Planned, SearchError> {
-        let (mut mesh, level) = (next.mesh, &self.levels[next.level]);
+        let (mut mesh, level) = (next.mesh, self.levels[next.level]);
+        let level = level.with_finer(mesh.parents.len() as f64 / self.start.parents.len() as f64);
         let further = 4_usize.saturating_pow(level.cuts.saturating_sub(mesh.uniform));
         let (triangles, allowed) = (mesh.parents.len().saturating_mul(further), self.options.max_triangles);
         if further > 1 && triangles > allowed {

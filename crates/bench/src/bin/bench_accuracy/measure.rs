@@ -92,8 +92,7 @@ pub fn measure_asked(
     };
     let seconds = start.elapsed().as_secs_f64();
     let step = solved.refinement.answer();
-    let level = step.map_or(0, |step| step.cuts);
-    let setting = Setting { solve: solved.scene.settings, level, varies: ASKED };
+    let setting = Setting { solve: solved.scene.settings, level: 0, varies: ASKED };
     let mut row = Row {
         triangles: solved.scene.triangles.len(),
         asked: Some(options.error),

@@ -121,6 +121,18 @@ impl Plan {
             let seen = Seen::new(&geometry, rays);
             let slots = || (0..self.layout.slots()).filter(|&s| self.layout.order[s as usize] != PADDING);
             let own: Vec<u32> = slots().filter(|&slot| self.owns(slot)).collect();
+            // Not traced in vain where they are far too many.
+            if own.len() > FEW * SAMPLE {
+                let sample: Vec<u32> = own.iter().copied().step_by(own.len().div_ceil(SAMPLE)).collect();
+                let weights = seen.rows(&blocks, &sample).weights.len() as f64;
+                let copies = if self.options.gradients.any() { 2.0 } else { 1.0 };
+                let all = weights * own.len() as f64 / sample.len() as f64;
+                let needed = (LEAST * copies * all) as u64 * (4 + self.settings.precision.bytes());
+                let budget = self.options.memory_budget;
+                if needed > budget {
+                    return Err(PlanError::OverBudget { budget, needed });
+                }
+            }
             let rows = seen.rows(&blocks, &own);
             self.matrix(&blocks, &rows, || seen.rows(&blocks, &slots().collect::<Vec<_>>()))
         };
