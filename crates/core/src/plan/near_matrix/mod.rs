@@ -11,8 +11,9 @@ pub use rays::RAYS;
 pub use sliced::{Block, NO_ROW, SLICE, SlicedMatrix};
 
 use super::{MemoryPlan, NearPairs, Plan, PlanError, Residency};
-use crate::model::PADDING;
-use antirad_scene::Precision;
+use crate::direct::Openness;
+use crate::model::{PADDING, rays_among};
+use antirad_scene::{Precision, Scene};
 use blocks::Blocks;
 use rays::Seen;
 use rows::{Geometry, Row, Rows};
@@ -97,9 +98,9 @@ impl Plan {
     ///
     /// # Errors
     /// Fails if light goes by rays and their matrix does not fit.
-    pub(super) fn choose_near_field(&mut self) -> Result<(), PlanError> {
+    pub(super) fn choose_near_field(&mut self, scene: &Scene) -> Result<(), PlanError> {
         if self.transport.is_explicit() {
-            return self.keep_rays();
+            return self.keep_rays(scene);
         }
         let evaluated = |why| NearField::Evaluated { why };
         self.near_field = self.near_matrix().map_or_else(evaluated, NearField::Kept);
@@ -115,11 +116,13 @@ impl Plan {
     }
 
     /// Traces the rays that all light goes by.
-    fn keep_rays(&mut self) -> Result<(), PlanError> {
+    fn keep_rays(&mut self, scene: &Scene) -> Result<(), PlanError> {
         let blocks = Blocks::new(&self.layout, self.bins.count());
+        let rays = rays_among(&self.facets);
+        self.openness = Openness::new(&self.facets, &rays, |i| scene.material(i).emission != [0.0; 3]).into();
         let rows = {
             let geometry = self.matrix_geometry();
-            let seen = Seen::new(&geometry);
+            let seen = Seen::new(&geometry, rays, &self.openness);
             let slots = || (0..self.layout.slots()).filter(|&s| self.layout.order[s as usize] != PADDING);
             let own: Vec<u32> = slots().filter(|&slot| self.owns(slot)).collect();
             let rows = seen.rows(&blocks, &own);
