@@ -306,7 +306,8 @@ impl Arrangement {
 /// A solved scene. Holds device memory until it is dropped. It is valid for the engine that computed it, until that
 /// engine takes other materials.
 pub struct Solution {
-    /// Irradiance per triangle of the scene, RGB, W/m²; zero for triangles without area.
+    /// Irradiance per triangle of the scene, RGB, W/m²; zero for triangles without area. With explicit visibility covered parts count less
+    /// ([`Openness`](crate::direct::Openness)).
     pub irradiance: Vec<[f64; 3]>,
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
     pub radiosity: Vec<[f64; 3]>,
@@ -597,7 +598,9 @@ impl Engine {
         let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
         let lamps = lamps_of(scene, &plan.lamps);
         let light = direct.light.relit(&lamps).filter(|light| light.receivers() == plan.facets.len());
-        let direct = match light.filter(|light| !light.is_traced()) {
+        // What is explicit looks around anew.
+        let moves = |light: &Arc<DirectLight>| !light.is_traced() && !plan.transport.is_explicit();
+        let direct = match light.filter(moves) {
             Some(light) => light.moved(&plan.facets)?,
             None => direct_light(&backend, scene, &plan, lamps)?,
         };

@@ -10,8 +10,8 @@ pub(super) const TILE: u32 = 16;
 /// Samples in a band, unless one row of tiles already has more: 8 bytes each, and at most 16 per pixel.
 const BAND_SAMPLES: u64 = 1 << 20;
 
-/// The samples of a picture, row by row of a grid with one in each cell, and its division into bands. Bands begin at whole tiles and whole pixels, so that they
-/// do not show.
+/// The samples of a picture, row by row of a grid with one in each cell, and its division into bands. Bands begin at whole tiles and whole
+/// pixels, so that they do not show.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
     /// Samples along a side of a pixel, a power of two.
