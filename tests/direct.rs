@@ -16,7 +16,8 @@ use support::kit::Shadow;
 use support::{areas, load, read_npy, relative_l2};
 
 fn computed(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> DirectLight {
-    DirectLight::new(&Ranks::default(), facets, lamps, visibility, |i| scene.material(i)).expect("one rank")
+    DirectLight::new(&Ranks::default(), facets, lamps, visibility, Arc::default(), |i| scene.material(i))
+        .expect("one rank")
 }
 
 /// Irradiance straight from lamps, W/m², and the number of lamps.

@@ -183,6 +183,59 @@ fn backs_that_matter_are_opaque() {
     finish(&backend);
 }
 
+/// The room is closed: what fronts do not absorb falls on the back of the lamp, and nothing escapes.
+#[test]
+fn light_on_backs_has_not_escaped() {
+    let backend = backend();
+    let scene = room_of(0.9, 1.85).finish("white room").expect("a scene");
+    let (_, solution) = solve(&backend, &scene, &explicit(&scene));
+    let energy = solution.energy;
+    let emitted = energy.emitted[0];
+    let on_backs = energy.on_backs.expect("rays")[0] / emitted;
+    let [absorbed, escaped, unaccounted] =
+        [energy.absorbed, energy.escaped, energy.unaccounted].map(|watts| watts[0] / emitted);
+    println!("{absorbed} absorbed, {on_backs} on backs, {escaped} escaped, {unaccounted:+} unaccounted for");
+    assert!((absorbed + on_backs + escaped + unaccounted - 1.0).abs() <= 1e-9);
+    assert!(escaped.abs() <= 1e-4 && unaccounted.abs() <= 0.01, "{escaped}, {unaccounted}");
+    assert!((0.01..0.2).contains(&on_backs), "{on_backs}");
+    let implicit = scene.settings.visibility(VisibilityChoice::Implicit);
+    let (_, solution) = solve(&backend, &scene, &implicit);
+    assert!(solution.energy.on_backs.is_none() && solution.energy.unaccounted == [0.0; 3]);
+    finish(&backend);
+}
+
+/// A sheet that lies on half of a board does not change the light of the other half, and that is what the board sends: straight from a lamp, and by
+/// rays.
+#[test]
+fn covered_parts_do_not_darken_the_others() {
+    let backend = backend();
+    let board = |covered: bool| {
+        let [white, black] =
+            [0.8, 0.0].map(|albedo| Material { albedo: [albedo; 3], ..Material::named(format!("{albedo}")) });
+        let mut builder = room();
+        builder.shape("board", Shape::Quad { cells: 1 }, &white, placed([1.0; 3], [0.5, 0.5, 0.5]));
+        if covered {
+            let place = placed([0.5, 0.002, 1.0], [0.5, 0.501, 0.5]);
+            builder.shape("sheet", Shape::Box { cells: 1 }, &black, place);
+        }
+        builder.finish("board").expect("a scene")
+    };
+    for lamps in [Lamps::Exact, Lamps::Antiradiance] {
+        let [open, covered] = [false, true].map(|covered| {
+            let scene = board(covered);
+            let (_, solution) = solve(&backend, &scene, &explicit(&scene).lamps(lamps));
+            let of_board = |i: &usize| scene.corners(*i).iter().all(|corner| (corner.y - 0.5).abs() < 1e-6);
+            (0..scene.triangles.len()).filter(of_board).map(|i| solution.irradiance[i][0]).collect::<Vec<_>>()
+        });
+        assert_eq!((open.len(), covered.len()), (2, 2));
+        for (open, covered) in open.iter().zip(&covered) {
+            println!("{lamps:?}: {open} W/m², {covered} W/m² half covered");
+            assert!((covered / open - 1.0).abs() <= 0.15, "{covered}, {open} without the sheet");
+        }
+    }
+    finish(&backend);
+}
+
 #[test]
 fn implementations_agree_and_the_same_input_gives_the_same_bytes() {
     let scene = plant(60);

@@ -338,13 +338,18 @@ impl Solution {
         self.inner.info.spectral_radius
     }
 
-    /// Power that is `emitted`, `absorbed` by fronts, and `escaped`, RGB, W.
+    /// Power that is `emitted`, `absorbed` by fronts, and `escaped`, RGB, W; with explicit visibility also what falls `on_backs`, and what is
+    /// `unaccounted` for.
     #[getter]
     fn energy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let energy = PyDict::new(py);
-        let antirad::Energy { emitted, absorbed, escaped } = self.inner.energy;
+        let antirad::Energy { emitted, absorbed, on_backs, escaped, unaccounted } = self.inner.energy;
         for (name, rgb) in [("emitted", emitted), ("absorbed", absorbed), ("escaped", escaped)] {
             energy.set_item(name, <(f64, f64, f64)>::from(rgb))?;
+        }
+        if let Some(on_backs) = on_backs {
+            energy.set_item("on_backs", <(f64, f64, f64)>::from(on_backs))?;
+            energy.set_item("unaccounted", <(f64, f64, f64)>::from(unaccounted))?;
         }
         Ok(energy)
     }

@@ -159,9 +159,13 @@ pub fn trace(scene: &Scene, origin: DVec3, direction: DVec3) -> (Option<Hit>, bo
 pub fn rays(camera: &Camera, side: u32) -> impl Iterator<Item = DVec3> {
     let view = View::new(camera);
     let (width, height) = (camera.width * side, camera.height * side);
-    let place = move |i: u32| (f64::from(i) + 0.5) / f64::from(side);
+    let steps = f64::from(side * side);
+    let place = move |at: u32, turned: u32| {
+        f64::from(at / side) + (f64::from(side * (at % side) + turned) + 0.5) / steps
+    };
     (0..height).flat_map(move |row| {
         let view = view.clone();
-        (0..width).map(move |column| view.ray(place(column), place(row)))
+        (0..width)
+            .map(move |column| view.ray(place(column, side - 1 - row % side), place(row, column % side)))
     })
 }

@@ -26,13 +26,17 @@ layout(push_constant) uniform Push {
     uint height;
     uint first_row;
     uint rows;
+    // Samples along a side of a pixel.
+    uint side;
 };
 
 const uint NONE = 0xffffffffu;
 
-// The centre of a sample. `at`: its column and row, of `samples` in the whole picture.
+// The place of a sample, on the rotated grid of its pixel. `at`: its column and row, of `samples` in the whole picture.
 vec2 place_of_sample(uvec2 at, uvec2 samples) {
-    vec2 place = vec2(2 * at + 1) / vec2(samples) - 1.0;
+    uvec2 cell = at % side;
+    uvec2 within = side * cell + uvec2(side - 1 - cell.y, cell.x);
+    vec2 place = vec2(2 * (at / side * side * side + within) + 1) / vec2(samples * side) - 1.0;
     return vec2(place.x, -place.y);
 }
 

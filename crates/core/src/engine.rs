@@ -257,9 +257,13 @@ pub struct Energy {
     pub emitted: [f64; 3],
     /// Incident on fronts and not reflected.
     pub absorbed: [f64; 3],
-    /// Emitted and not absorbed by fronts: light that leaves an open scene or falls on black backs, and the
-    /// discretisation error.
+    /// What falls on black backs, by rays; `None` where visibility is implicit.
+    pub on_backs: Option<[f64; 3]>,
+    /// What leaves an open scene, by rays. Where visibility is implicit, all that is emitted and not absorbed by fronts: light that leaves or
+    /// falls on black backs, and the discretisation error.
     pub escaped: [f64; 3],
+    /// Emitted, and none of these: the discretisation error. Zero where visibility is implicit.
+    pub unaccounted: [f64; 3],
 }
 
 /// Negative irradiance: discretised antiradiance may subtract slightly more light than there is.
@@ -302,7 +306,8 @@ impl Arrangement {
 /// A solved scene. Holds device memory until it is dropped. It is valid for the engine that computed it, until that
 /// engine takes other materials.
 pub struct Solution {
-    /// Irradiance per triangle of the scene, RGB, W/m²; zero for triangles without area.
+    /// Irradiance per triangle of the scene, RGB, W/m²; zero for triangles without area. With explicit visibility covered parts count less
+    /// ([`Openness`](crate::direct::Openness)).
     pub irradiance: Vec<[f64; 3]>,
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
     pub radiosity: Vec<[f64; 3]>,
@@ -467,9 +472,10 @@ fn direct_light(
     lamps: Vec<Lamp>,
 ) -> Result<DirectLight, DirectError> {
     let (ranks, facets, material) = (backend.ranks(), &plan.facets, |i| scene.material(i));
+    let open = plan.openness.clone();
     match transport::tracer(backend, plan) {
-        Some(tracer) => DirectLight::traced(ranks, facets, lamps, material, tracer),
-        None => Ok(DirectLight::new(ranks, facets, lamps, plan.visibility, material)?),
+        Some(tracer) => DirectLight::traced(ranks, facets, lamps, open, material, tracer),
+        None => Ok(DirectLight::new(ranks, facets, lamps, plan.visibility, open, material)?),
     }
 }
 
@@ -592,7 +598,9 @@ impl Engine {
         let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
         let lamps = lamps_of(scene, &plan.lamps);
         let light = direct.light.relit(&lamps).filter(|light| light.receivers() == plan.facets.len());
-        let direct = match light.filter(|light| !light.is_traced()) {
+        // What is explicit looks around anew.
+        let moves = |light: &Arc<DirectLight>| !light.is_traced() && !plan.transport.is_explicit();
+        let direct = match light.filter(moves) {
             Some(light) => light.moved(&plan.facets)?,
             None => direct_light(&backend, scene, &plan, lamps)?,
         };
@@ -813,15 +821,29 @@ impl Engine {
         let plan = self.operators.plan();
         let metres = 1.0 / plan.placement.scale.powi(2);
         let sunlight = self.direct.light.sunlight();
-        let (mut emitted, mut absorbed) = (DVec3::ZERO, DVec3::ZERO);
+        let [mut emitted, mut absorbed, mut on_backs, mut escaped] = [DVec3::ZERO; 4];
         for (i, facet) in plan.facets.iter().enumerate().filter(|(_, f)| f.area > 0.0) {
             let area = facet.area * metres;
-            let reflected = DVec3::from(radiosity[i]) - exitance(&self.materials[i]);
+            let sent = DVec3::from(radiosity[i]);
+            let reflected = sent - exitance(&self.materials[i]);
             emitted += area * (exitance(&self.materials[i]) + sunlight[i]);
-            absorbed += area * (DVec3::from(irradiance[i]) - reflected);
+            absorbed += area * plan.openness.share(i) * (DVec3::from(irradiance[i]) - reflected);
+            let lost = plan.openness.lost(i);
+            on_backs += area * lost.on_backs * sent;
+            escaped += area * lost.escaped * sent;
         }
-        let (emitted, absorbed, escaped) = (emitted.into(), absorbed.into(), (emitted - absorbed).into());
-        Energy { emitted, absorbed, escaped }
+        let rest = emitted - absorbed;
+        let (emitted, absorbed) = (emitted.into(), absorbed.into());
+        match plan.transport.is_explicit() {
+            true => Energy {
+                emitted,
+                absorbed,
+                on_backs: Some(on_backs.into()),
+                escaped: escaped.into(),
+                unaccounted: (rest - on_backs - escaped).into(),
+            },
+            false => Energy { emitted, absorbed, escaped: rest.into(), ..Energy::default() },
+        }
     }
 }
 

@@ -502,11 +502,16 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
         );
     }
     if emitted > 0.0 {
-        let share = 100.0 * absorbed / emitted;
-        antirad::say!(
-            "energy      {emitted:.4} W emitted, {share:.2} % absorbed, {:.2} % escaped or on black backs",
-            100.0 - share
-        );
+        let share = |watts: f64| 100.0 * watts / emitted;
+        let [absorbed, escaped] = [absorbed, sum(report.energy.escaped)].map(share);
+        let lost = match report.energy.on_backs.map(sum).map(share) {
+            None => format!("{escaped:.2} % escaped or on black backs"),
+            Some(on_backs) => format!(
+                "{on_backs:.2} % on black backs, {escaped:.2} % escaped, {:+.2} % unaccounted for",
+                share(sum(report.energy.unaccounted))
+            ),
+        };
+        antirad::say!("energy      {emitted:.4} W emitted, {absorbed:.2} % absorbed, {lost}");
     } else {
         antirad::say!("energy      nothing emits: the picture is black");
     }

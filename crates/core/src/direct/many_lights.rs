@@ -13,7 +13,8 @@
 use super::cone::vector_irradiance;
 use super::highlight::Lobe;
 use super::lamps::Lamp;
-use super::sampling::{Origin, STEPS, shifts, sobol};
+use super::openness::Parts;
+use super::sampling::{Origin, shifts, sobol};
 use super::surface::{Flat, Surface, within};
 use crate::model::{BoundedRun, Facet, morton, rays_among};
 use antirad_scene::Rays;
@@ -264,14 +265,19 @@ impl ManyLights {
         self.arrivals(lamps, (receiver, facet.normal), Origin::Point(point), lobe, count)
     }
 
-    /// What arrives at a triangle, from points all over it: smaller ones have fewer rays.
-    pub fn at_triangle(&self, lamps: &[Lamp], receiver: usize, facet: &Facet) -> Vec<Arrival> {
+    /// What arrives at a triangle, from points all over it: smaller ones have fewer rays. `parts`: the weights of its parts.
+    pub fn at_triangle(
+        &self,
+        lamps: &[Lamp],
+        (receiver, facet): (usize, &Facet),
+        parts: Option<&Parts>,
+    ) -> Vec<Arrival> {
         if facet.area <= 0.0 {
             return Vec::new();
         }
         let wanted = f64::from(OF_TRIANGLE) * facet.area / self.mean_area;
         let count = (wanted as u32).clamp(LEAST, OF_TRIANGLE).next_power_of_two();
-        self.arrivals(lamps, (receiver, facet.normal), Origin::Triangle(facet.corners), None, count)
+        self.arrivals(lamps, (receiver, facet.normal), Origin::Triangle(facet.corners, parts), None, count)
     }
 
     fn arrivals(
@@ -284,7 +290,7 @@ impl ManyLights {
     ) -> Vec<Arrival> {
         let (middle, reach) = match origin {
             Origin::Point(point) => (point, 0.0),
-            Origin::Triangle(corners) => {
+            Origin::Triangle(corners, _) => {
                 let middle = corners.iter().sum::<DVec3>() / 3.0;
                 (middle, corners.map(|corner| corner.distance(middle)).into_iter().fold(0.0, f64::max))
             }
@@ -304,13 +310,7 @@ impl ManyLights {
         for ([s, t], ray) in places {
             let Some((number, probability, rest)) = chosen(&of_lamps, UNIT * f64::from(s)) else { break };
             let source = &self.sources[number];
-            let point = match origin {
-                Origin::Point(point) => point,
-                Origin::Triangle(corners) => {
-                    let place = |k: usize| shifts[2 + k].wrapping_add(ray.wrapping_mul(STEPS[k]));
-                    within(corners, [0, 1].map(|k| UNIT * f64::from(place(k))))
-                }
-            };
+            let (point, counts) = origin.of_ray(ray, [shifts[2], shifts[3]]);
             let faces = &source.surface.triangles;
             if last != Some(number) || reach > 0.0 {
                 source.of_faces(point, normal, &mut of_faces);
@@ -329,7 +329,7 @@ impl ManyLights {
                 let whole = if lobe.is_none() { of_near(ways, face, normal) } else { None };
                 // dω = cosθ' dA / r².
                 let light = whole.unwrap_or_else(|| way * (sent * face.area() / (squared * squared)));
-                let light = light / (probability * share * f64::from(count));
+                let light = counts * light / (probability * share * f64::from(count));
                 found.push(Arrival {
                     lamp: source.lamp,
                     direction: light.normalize_or_zero(),

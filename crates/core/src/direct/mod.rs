@@ -12,6 +12,7 @@ mod highlight;
 mod lamps;
 mod lobes;
 mod many_lights;
+mod openness;
 mod polygon;
 mod quadrature;
 mod rays;
@@ -26,9 +27,10 @@ mod visible;
 
 pub use cone::vector_irradiance;
 pub use lamps::{FEW as FEW_LAMPS, Lamp, lamps, suns};
+pub use openness::{Lost, Openness, Parts};
 pub use polygon::Polygon;
 pub use rays::{DirectError, Look, RayScene, Traced, Tracer};
-pub use sampling::{STEPS, Sampling, Sums, mixed, sobol};
+pub use sampling::{STEPS, Sampling, Sums, from_front, mixed, sobol};
 pub use surface::{Flat, Surface, within};
 
 use crate::model::{Facet, FacetGradient, pull_unit};
@@ -95,6 +97,8 @@ pub struct DirectLight {
     /// Rays distributed over all lamps, in place of visibility lamp by lamp.
     many: Option<ManyLights>,
     lamps: Vec<Lamp>,
+    /// How open the parts of receivers lie.
+    open: Arc<Openness>,
     receivers: usize,
     /// Of each receiver, in the order of lamps: [`Self::factors`].
     factors: Vec<Vec<Factor>>,
@@ -104,7 +108,7 @@ pub struct DirectLight {
 
 impl DirectLight {
     /// Computes the light of lamps on triangles, in any unit of length. Ranks compute shares of it, and all
-    /// of them call it.
+    /// of them call it. `open`: by which means over triangles are weighted.
     ///
     /// # Errors
     /// Fails if another rank has ended, or does not run the same program.
@@ -113,13 +117,14 @@ impl DirectLight {
         facets: &[Facet],
         lamps: Vec<Lamp>,
         visibility: Visibility,
+        open: Arc<Openness>,
         material: impl Fn(usize) -> &'a Material,
     ) -> Result<Self, RankError> {
         if let Some(many) = Self::many(facets, &lamps, visibility, &material) {
-            return Self::distributed(ranks.clone(), facets, lamps, many);
+            return Self::distributed(ranks.clone(), facets, lamps, open, many);
         }
         let sampling = Self::sampling(facets, &lamps, visibility, material);
-        Self::compute(ranks.clone(), facets, lamps, sampling, None)
+        Self::compute(ranks.clone(), facets, lamps, open, sampling, None)
     }
 
     /// Computes the light of lamps on triangles as [`Self::new`] does, by rays that a kernel traces from points. `tracer`: makes it.
@@ -130,6 +135,7 @@ impl DirectLight {
         ranks: &Ranks,
         facets: &[Facet],
         lamps: Vec<Lamp>,
+        open: Arc<Openness>,
         material: impl Fn(usize) -> &'a Material,
         tracer: impl FnOnce(&RayScene) -> Result<Arc<dyn Tracer>, GpuError>,
     ) -> Result<Self, DirectError> {
@@ -147,7 +153,8 @@ impl DirectLight {
             };
             let pairs: Vec<[usize; 2]> = receivers.iter().flat_map(faced).collect();
             let usual: Vec<f64> = pairs.iter().map(|&[_, l]| usual[l]).collect();
-            let means = quadrature::means(&usual, &mut |points, width| {
+            let parts = |pair: usize| open.of(pairs[pair][0]);
+            let means = quadrature::means(&usual, parts, &mut |points, width| {
                 let look = |&(pair, b): &(usize, DVec3)| {
                     let [receiver, lamp]: [usize; 2] = pairs[pair];
                     let Facet { corners, normal, .. } = facets[receiver];
@@ -169,7 +176,7 @@ impl DirectLight {
         let found = ranks.merged(facets.len(), found)?;
         drop(placed);
         let Self { blockers, sampling, lamps, .. } = unlit;
-        let light = Self::of_found(ranks.clone(), found, blockers, sampling, lamps);
+        let light = Self::of_found(ranks.clone(), found, blockers, (sampling, open), lamps);
         Ok(Self { tracing: Some(tracing), ..light })
     }
 
@@ -200,11 +207,12 @@ impl DirectLight {
         ranks: Ranks,
         facets: &[Facet],
         lamps: Vec<Lamp>,
+        open: Arc<Openness>,
         many: ManyLights,
     ) -> Result<Self, RankError> {
         let of_receiver = |receiver: usize| -> Vec<Factor> {
             let facet = &facets[receiver];
-            let arrivals = many.at_triangle(&lamps, receiver, facet);
+            let arrivals = many.at_triangle(&lamps, (receiver, facet), open.of(receiver));
             let of_half = |Arrival { direction, solid_angle, in_second_half, .. }: &Arrival| {
                 let light = solid_angle * direction.dot(facet.normal);
                 if *in_second_half { DVec2::new(0.0, light) } else { DVec2::new(light, 0.0) }
@@ -215,7 +223,8 @@ impl DirectLight {
         };
         let factors = ranks.map(facets.len(), of_receiver)?;
         let receivers = factors.len();
-        Ok(Self { ranks, receivers, factors, many: Some(many), ..Self::among(Blockers::none(facets), lamps) })
+        let unlit = Self::among(Blockers::none(facets), lamps);
+        Ok(Self { ranks, open, receivers, factors, many: Some(many), ..unlit })
     }
 
     /// Prepares light at points of triangles alone ([`Self::at_points`]): it knows the light of no triangle.
@@ -239,6 +248,7 @@ impl DirectLight {
             tracing: None,
             many: None,
             lamps,
+            open: Arc::default(),
             receivers: 0,
             factors: Vec::new(),
             cuts: BTreeMap::new(),
@@ -299,8 +309,8 @@ impl DirectLight {
             let Facet { corners, normal, .. } = facets[receiver];
             let faced = placed.iter().enumerate().filter(|(_, lamp)| geometry.faces(receiver, lamp));
             for lamp in faced.take_while(|_| !too_much()) {
-                let between = Between::triangle(geometry, None, receiver, lamp);
-                quadrature::mean(usual[lamp.0], between.least_cuts(), &mut |b: DVec3| {
+                let between = Between::triangle(geometry, None, (receiver, None), lamp);
+                quadrature::mean(usual[lamp.0], between.least_cuts(), None, &mut |b: DVec3| {
                     if too_much() {
                         return 0.0;
                     }
@@ -332,16 +342,24 @@ impl DirectLight {
     pub fn moved(&self, facets: &[Facet]) -> Result<Self, RankError> {
         if let Some(many) = &self.many {
             let many = many.moved(facets, &self.lamps);
-            return Self::distributed(self.ranks.clone(), facets, self.lamps.clone(), many);
+            return Self::distributed(
+                self.ranks.clone(),
+                facets,
+                self.lamps.clone(),
+                self.open.clone(),
+                many,
+            );
         }
         let sampling = self.sampling.as_ref().map(|sampling| sampling.moved(facets, &self.lamps));
-        Self::compute(self.ranks.clone(), facets, self.lamps.clone(), sampling, Some(&self.cuts))
+        let open = self.open.clone();
+        Self::compute(self.ranks.clone(), facets, self.lamps.clone(), open, sampling, Some(&self.cuts))
     }
 
     fn compute(
         ranks: Ranks,
         facets: &[Facet],
         lamps: Vec<Lamp>,
+        open: Arc<Openness>,
         sampling: Option<Sampling>,
         cuts: Option<&BTreeMap<[usize; 2], Cuts>>,
     ) -> Result<Self, RankError> {
@@ -355,14 +373,15 @@ impl DirectLight {
                 if !geometry.faces(receiver, lamp) {
                     return (Share::NOTHING, Cuts::default());
                 }
-                let between = Between::triangle(geometry, sampling.as_ref(), receiver, (l, lamp));
+                let parts = open.of(receiver);
+                let between = Between::triangle(geometry, sampling.as_ref(), (receiver, parts), (l, lamp));
                 let mut irradiance =
                     |b: DVec3| between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
                 let (value, cuts) = match cuts {
-                    None => quadrature::mean(usual[l], between.least_cuts(), &mut irradiance),
+                    None => quadrature::mean(usual[l], between.least_cuts(), parts, &mut irradiance),
                     Some(cuts) => {
                         let cuts = cuts.get(&[receiver, l]).cloned().unwrap_or_default();
-                        let samples = quadrature::samples(&cuts);
+                        let samples = quadrature::samples(&cuts, parts);
                         (samples.iter().map(|s| s.weight * irradiance(s.barycentric)).sum(), cuts)
                     }
                 };
@@ -372,7 +391,7 @@ impl DirectLight {
         };
         let found = ranks.map_init(facets.len(), Visible::default, of_receiver)?;
         drop(placed);
-        Ok(Self::of_found(ranks, found, blockers, sampling, lamps))
+        Ok(Self::of_found(ranks, found, blockers, (sampling, open), lamps))
     }
 
     /// `found`: the light of each lamp on each receiver.
@@ -380,7 +399,7 @@ impl DirectLight {
         ranks: Ranks,
         found: Vec<Vec<(Share, Cuts)>>,
         blockers: Blockers,
-        sampling: Option<Sampling>,
+        (sampling, open): (Option<Sampling>, Arc<Openness>),
         lamps: Vec<Lamp>,
     ) -> Self {
         let receivers = found.len();
@@ -394,7 +413,7 @@ impl DirectLight {
             let in_parts = of_lamps.into_iter().enumerate().filter(|(_, (_, cuts))| !cuts.is_whole());
             cuts.extend(in_parts.map(|(l, (_, cuts))| ([receiver, l], cuts)));
         }
-        Self { ranks, receivers, sampling, factors, cuts, ..Self::among(blockers, lamps) }
+        Self { ranks, open, receivers, sampling, factors, cuts, ..Self::among(blockers, lamps) }
     }
 
     /// The ranks that compute the light together.
@@ -448,7 +467,7 @@ impl DirectLight {
 
     /// Points of a triangle that suffice where light is smooth.
     pub fn whole_samples(&self) -> Vec<Sample> {
-        quadrature::samples(&Cuts::default())
+        quadrature::samples(&Cuts::default(), None)
     }
 
     /// Number of triangles.
@@ -530,7 +549,7 @@ impl DirectLight {
                 if weight == 0.0 || self.factor(receiver, l) == 0.0 {
                     continue;
                 }
-                let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
+                let between = self.between(geometry, receiver, (l, lamp));
                 if moves(receiver as u32) || between.moves(&moves) {
                     self.pull_back_to(&between, visible, weight, to);
                 }
@@ -805,7 +824,9 @@ impl DirectLight {
 
     /// What rays bring to a triangle, where they are distributed over lamps.
     fn arrivals(&self, facets: &[Facet], receiver: usize) -> Vec<Arrival> {
-        let of = |many: &ManyLights| many.at_triangle(&self.lamps, receiver, &facets[receiver]);
+        let of = |many: &ManyLights| {
+            many.at_triangle(&self.lamps, (receiver, &facets[receiver]), self.open.of(receiver))
+        };
         self.many.as_ref().map(of).unwrap_or_default()
     }
 
@@ -821,20 +842,34 @@ impl DirectLight {
         let visible = &mut Visible::default();
         for (l, lamp) in self.lamp_by_lamp().enumerate().filter(|&(l, _)| self.factor(receiver, l) != 0.0) {
             let lamp = &geometry.place(lamp);
-            let between = Between::triangle(geometry, self.sampling.as_ref(), receiver, (l, lamp));
-            let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
-            for Sample { barycentric, weight } in quadrature::samples(&cuts) {
+            let between = self.between(geometry, receiver, (l, lamp));
+            for Sample { barycentric, weight } in self.samples(receiver, l) {
                 each(l, &between.sight(at(corners, barycentric), None), weight, visible);
             }
         }
     }
 
+    /// The points of a receiver at which the light of a lamp there is known.
+    fn samples(&self, receiver: usize, lamp: usize) -> Vec<Sample> {
+        let cuts = self.cuts.get(&[receiver, lamp]).cloned().unwrap_or_default();
+        quadrature::samples(&cuts, self.open.of(receiver))
+    }
+
+    /// What stands between a receiver and a lamp.
+    fn between<'a>(
+        &'a self,
+        geometry: Geometry<'a>,
+        receiver: usize,
+        lamp: (usize, &'a Placed<'a>),
+    ) -> Between<'a> {
+        Between::triangle(geometry, self.sampling.as_ref(), (receiver, self.open.of(receiver)), lamp)
+    }
+
     fn pull_back_to(&self, between: &Between, visible: &mut Visible, weight: f64, to: &mut Contributions) {
         let &Between { geometry, receiver, lamp: (l, _), .. } = between;
         let Facet { corners, normal, .. } = geometry.facets[receiver];
-        let cuts = self.cuts.get(&[receiver, l]).cloned().unwrap_or_default();
         let mut own = FacetGradient::default();
-        for Sample { barycentric, weight: share } in quadrature::samples(&cuts) {
+        for Sample { barycentric, weight: share } in self.samples(receiver, l) {
             let sight = between.sight(at(corners, barycentric), None);
             let (light, by_point, _) = sight.pull_back(visible, weight * share * normal, to);
             own.normal += weight * share * light;
@@ -892,18 +927,19 @@ impl<'a> Between<'a> {
         Self { geometry, receiver, lamp, blockers: blockers.unwrap_or_default(), sampling, share: Share::ALL }
     }
 
-    /// What stands between a lamp and all of a triangle: one share counts everywhere.
+    /// What stands between a lamp and all of a triangle: one share counts everywhere. `parts`: the weights of the parts
+    /// of that.
     fn triangle(
         geometry: Geometry<'a>,
         sampling: Option<&'a Sampling>,
-        receiver: usize,
+        (receiver, parts): (usize, Option<&Parts>),
         lamp: (usize, &'a Placed<'a>),
     ) -> Self {
         let Facet { corners, normal, centroid, .. } = geometry.facets[receiver];
         let between = Self::points(geometry, sampling, receiver, &corners, lamp);
         let of = |rays: &Sampling| {
             let seen = geometry.seen_from(lamp.1, centroid);
-            rays.share(receiver, Origin::Triangle(corners), normal, (lamp.0, &seen), None)
+            rays.share(receiver, Origin::Triangle(corners, parts), normal, (lamp.0, &seen), None)
         };
         let share = between.sampling.map_or(Share::ALL, of);
         Self { share, sampling: None, ..between }
@@ -1021,7 +1057,8 @@ mod tests {
 
     pub fn exact(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>) -> DirectLight {
         let ranks = Ranks::default();
-        DirectLight::new(&ranks, facets, lamps, Visibility::Exact, |i| scene.material(i)).expect("one rank")
+        DirectLight::new(&ranks, facets, lamps, Visibility::Exact, Arc::default(), |i| scene.material(i))
+            .expect("one rank")
     }
 
     fn weight(receiver: usize, _: usize) -> f64 {
@@ -1141,8 +1178,10 @@ mod tests {
         for visibility in [Visibility::Exact, Visibility::Sampled] {
             let computed = |ranks: &Ranks| {
                 let light =
-                    DirectLight::new(ranks, &facets, lamps.clone(), visibility, |i| scene.material(i))
-                        .expect("light");
+                    DirectLight::new(ranks, &facets, lamps.clone(), visibility, Arc::default(), |i| {
+                        scene.material(i)
+                    })
+                    .expect("light");
                 let gradients = light.pull_back(&facets, weight, |_| true).expect("derivatives");
                 let moved = light.moved(&facets).expect("light of moved vertices");
                 (light.factors, light.cuts, gradients, moved.factors)

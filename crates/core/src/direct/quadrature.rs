@@ -1,5 +1,6 @@
 //! Quadrature over a receiver: its points are placed so that the mean is right where a penumbra crosses it.
 
+use super::openness::Parts;
 use super::sampling::Share;
 use crate::model::quarters;
 use glam::DVec3;
@@ -82,7 +83,12 @@ fn of_cell(cell: Cell, weight: f64) -> [Sample; 7] {
 
 /// The mean of a function over a triangle. Cells are cut where the samples say that the function is not smooth, unless it is far below
 /// the value that is `usual` on other triangles, to which errors are compared then. They are cut `least` times in any case.
-pub fn mean(usual: f64, least: u32, function: &mut dyn FnMut(DVec3) -> f64) -> (f64, Cuts) {
+pub fn mean(
+    usual: f64,
+    least: u32,
+    parts: Option<&Parts>,
+    function: &mut dyn FnMut(DVec3) -> f64,
+) -> (f64, Cuts) {
     let (mut kept, mut largest) = (Vec::new(), usual);
     let mut cuts = Vec::new();
     walk(|weight, depth, samples| {
@@ -91,13 +97,16 @@ pub fn mean(usual: f64, least: u32, function: &mut dyn FnMut(DVec3) -> f64) -> (
         let uneven = || depth < DEEPEST && error(&values) * weight.sqrt() > TOLERANCE * largest;
         let cut = depth < least || uneven();
         if !cut {
-            kept.extend(samples.iter().zip(values).map(|(sample, value)| sample.weight * value));
+            kept.extend(samples.iter().copied().zip(values));
         }
         cuts.push(cut);
         cut
     });
     // In the order of `samples`: with the same cuts, means are the same to the last bit.
-    (kept.iter().sum(), if cuts.len() > 1 { Cuts(cuts) } else { Cuts::default() })
+    let (mut samples, values): (Vec<Sample>, Vec<f64>) = kept.into_iter().unzip();
+    weigh(&mut samples, parts);
+    let sum = samples.iter().zip(values).map(|(sample, value)| sample.weight * value).sum();
+    (sum, if cuts.len() > 1 { Cuts(cuts) } else { Cuts::default() })
 }
 
 /// What functions are at points, by number and barycentric coordinates, with standard errors, where cells have such a share of the length
@@ -111,8 +120,12 @@ struct Known {
 }
 
 /// The means of functions over triangles, as [`mean`] finds them, but with all values of one depth asked for at once, and noise does not
-/// count as unevenness. `usual`: that of each function.
-pub fn means<E>(usual: &[f64], values: &mut Values<E>) -> Result<Vec<(Share, Cuts)>, E> {
+/// count as unevenness. `usual`: that of each function; `parts`: the weights of the parts of its triangle.
+pub fn means<'a, E>(
+    usual: &[f64],
+    parts: impl Fn(usize) -> Option<&'a Parts>,
+    values: &mut Values<E>,
+) -> Result<Vec<(Share, Cuts)>, E> {
     let mut largest = usual.to_vec();
     let mut cells: Vec<(usize, Cell)> = (0..usual.len()).map(|function| (function, WHOLE)).collect();
     let mut known: Vec<Known> = Vec::new();
@@ -143,39 +156,46 @@ pub fn means<E>(usual: &[f64], values: &mut Values<E>) -> Result<Vec<(Share, Cut
             break;
         }
     }
-    Ok((0..usual.len()).map(|root| gathered(&known, root)).collect())
+    Ok((0..usual.len()).map(|root| gathered(&known, root, parts(root))).collect())
 }
 
 /// The mean of the function whose whole triangle is the cell `root`.
-fn gathered(known: &[Known], root: usize) -> (Share, Cuts) {
+fn gathered(known: &[Known], root: usize, parts: Option<&Parts>) -> (Share, Cuts) {
     let mut cells = vec![root];
     let mut cuts = Vec::new();
-    let (mut mean, mut variance) = (0.0, 0.0);
-    walk(|_, _, samples| {
+    let mut shares: Vec<Share> = Vec::new();
+    let mut samples = walk(|_, _, _| {
         let Some(Known { values, quarters }) = cells.pop().and_then(|cell| known.get(cell)) else {
             return false;
         };
         cuts.push(quarters.is_some());
         match quarters {
             Some(first) => cells.extend(*first..first + 4),
-            None => {
-                mean += samples.iter().zip(values).map(|(of, share)| of.weight * share.value).sum::<f64>();
-                variance += samples
-                    .iter()
-                    .zip(values)
-                    .map(|(of, share)| (of.weight * share.error).powi(2))
-                    .sum::<f64>();
-            }
+            None => shares.extend(values),
         }
         quarters.is_some()
     });
+    weigh(&mut samples, parts);
+    let of = || samples.iter().zip(&shares);
+    let mean = of().map(|(of, share)| of.weight * share.value).sum();
+    let variance: f64 = of().map(|(of, share)| (of.weight * share.error).powi(2)).sum();
     (Share { value: mean, error: variance.sqrt() }, if cuts.len() > 1 { Cuts(cuts) } else { Cuts::default() })
 }
 
-/// The samples of a triangle with given cuts.
-pub fn samples(cuts: &Cuts) -> Vec<Sample> {
+/// The samples of a triangle with given cuts, and weights of its parts.
+pub fn samples(cuts: &Cuts, parts: Option<&Parts>) -> Vec<Sample> {
     let mut cuts = cuts.0.iter();
-    walk(|_, _, _| cuts.next().is_some_and(|cut| *cut))
+    let mut samples = walk(|_, _, _| cuts.next().is_some_and(|cut| *cut));
+    weigh(&mut samples, parts);
+    samples
+}
+
+/// Multiplies samples by the weights of the parts that they lie in, and keeps their sum.
+fn weigh(samples: &mut [Sample], parts: Option<&Parts>) {
+    let Some(parts) = parts else { return };
+    samples.iter_mut().for_each(|sample| sample.weight *= parts.weight(sample.barycentric));
+    let sum: f64 = samples.iter().map(|sample| sample.weight).sum();
+    samples.iter_mut().for_each(|sample| sample.weight /= sum);
 }
 
 /// The largest difference of the mean from those that the two triples of points and the centroid give, which are exact for polynomials

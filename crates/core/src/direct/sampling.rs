@@ -5,14 +5,16 @@
 
 use super::highlight::Lobe;
 use super::lamps::Lamp;
-use super::surface::{Surface, within};
+use super::openness::Parts;
+use super::surface::{Surface, spread, within};
 use super::visible::Placed;
-use crate::model::{Facet, rays_among};
+use crate::model::{Facet, orthonormal_basis, rays_among};
 use antirad_scene::Rays;
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
 use std::collections::HashSet;
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 /// Polygons in the way up to which visibility is exact all the same.
@@ -97,10 +99,24 @@ impl std::ops::AddAssign for Sums {
 
 /// The origin of rays.
 #[derive(Clone, Copy)]
-pub enum Origin {
+pub enum Origin<'a> {
     Point(DVec3),
-    /// All over a triangle, by its corners.
-    Triangle([DVec3; 3]),
+    /// All over a triangle, by its corners and the weights of its parts.
+    Triangle([DVec3; 3], Option<&'a Parts>),
+}
+
+impl Origin<'_> {
+    /// Where a ray leaves, by its number, and its weight there. `shifts`: those of the sequence of places.
+    pub fn of_ray(self, ray: u32, shifts: [u32; 2]) -> (DVec3, f64) {
+        match self {
+            Self::Point(point) => (point, 1.0),
+            Self::Triangle(corners, parts) => {
+                let place = |k: usize| shifts[k].wrapping_add(ray.wrapping_mul(STEPS[k]));
+                let place = [0, 1].map(|k| f64::from(place(k)) / 2f64.powi(32));
+                (within(corners, place), parts.map_or(1.0, |parts| parts.weight(spread(place))))
+            }
+        }
+    }
 }
 
 impl Sampling {
@@ -158,7 +174,7 @@ impl Sampling {
     pub(super) fn share(
         &self,
         receiver: usize,
-        from: Origin,
+        from: Origin<'_>,
         normal: DVec3,
         (number, lamp): (usize, &Placed),
         lobe: Option<&Lobe>,
@@ -183,26 +199,20 @@ impl Sampling {
     ) -> Sums {
         let start = match from {
             Origin::Point(point) => point,
-            Origin::Triangle(corners) => corners.iter().sum(),
+            Origin::Triangle(corners, _) => corners.iter().sum(),
         };
         let surface = &self.surfaces[lamp];
         let shifts = shifts(start, lamp as u32);
         let mut sums = Sums::default();
         for ray in 0..count {
             let [s, t] = sobol(ray);
-            let point = match from {
-                Origin::Point(point) => point,
-                Origin::Triangle(corners) => {
-                    let place = |k: usize| shifts[2 + k].wrapping_add(ray.wrapping_mul(STEPS[k]));
-                    within(corners, [0, 1].map(|k| f64::from(place(k)) / 2f64.powi(32)))
-                }
-            };
+            let (point, counts) = from.of_ray(ray, [shifts[2], shifts[3]]);
             let (to, lamp_normal) = surface.from_point(point, [s ^ shifts[0], t ^ shifts[1]]);
             let (towards, squared) = (to - point, to.distance_squared(point));
             // cos θ cos θ' / r², up to a factor.
             let cosines = [towards.dot(normal), -towards.dot(lamp_normal)].map(|cosine| cosine.max(0.0));
             let reflected = lobe.map_or(1.0, |lobe| lobe.at(towards));
-            let weight = reflected * cosines[0] * cosines[1] / (squared * squared);
+            let weight = counts * reflected * cosines[0] * cosines[1] / (squared * squared);
             if weight > 0.0 {
                 sums.all += weight;
                 if !self.rays.blocked(point, to, &own) {
@@ -243,4 +253,23 @@ fn mixed32(mut x: u32) -> u32 {
 /// A number that mixes all bits of another: the first of the generator SplitMix64 (Steele, Lea and Flood 2014), the same on every machine.
 pub fn mixed(seed: u64) -> u64 {
     SplitMix64::seed_from_u64(seed).random()
+}
+
+/// Rays that leave all over the front of a triangle, as many in each direction as its cosine asks for: origins and unit directions. A seed always
+/// gives the same ones.
+pub fn from_front(facet: &Facet, seed: u64, count: u32) -> impl Iterator<Item = (DVec3, DVec3)> {
+    let basis = orthonormal_basis(facet.normal);
+    let corners = facet.corners;
+    let shifts = [0, 1].map(|k| mixed(seed ^ mixed(k)));
+    let [turned, moved] = shifts.map(|shift| [shift as u32, (shift >> 32) as u32]);
+    let unit = |x: u32| f64::from(x) / 2f64.powi(32);
+    (0..count).map(move |ray| {
+        let [s, t] = sobol(ray);
+        let (outward, turn) = (unit(s ^ turned[0]), unit(t ^ turned[1]));
+        let place = [0, 1].map(|k| unit(moved[k].wrapping_add(ray.wrapping_mul(STEPS[k]))));
+        // Uniform on the unit disc below the hemisphere (Nusselt's analogue).
+        let (radius, (sin, cos)) = (outward.sqrt(), (TAU * turn).sin_cos());
+        let direction = basis * DVec3::new(radius * cos, radius * sin, (1.0 - outward).sqrt());
+        (within(corners, place), direction)
+    })
 }

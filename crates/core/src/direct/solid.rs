@@ -209,8 +209,10 @@ mod tests {
     }
 
     fn light(scene: &Scene, facets: &[Facet], lamps: Vec<Lamp>, visibility: Visibility) -> Vec<f64> {
-        let light = DirectLight::new(&Ranks::default(), facets, lamps, visibility, |i| scene.material(i))
-            .expect("one rank");
+        let light = DirectLight::new(&Ranks::default(), facets, lamps, visibility, Arc::default(), |i| {
+            scene.material(i)
+        })
+        .expect("one rank");
         let floor = scene.meshes[0].range.clone();
         floor.map(|i| light.factors(i as usize).iter().map(|factor| factor.value).sum()).collect()
     }

@@ -94,6 +94,12 @@ impl Surface {
     }
 }
 
+/// The barycentric coordinates of [`within`].
+pub fn spread([s, t]: [f64; 2]) -> DVec3 {
+    let s = s.min(1.0).sqrt();
+    DVec3::new(1.0 - s, s * (1.0 - t), s * t)
+}
+
 /// The point of a triangle at a place of the unit square: areas are kept up to a factor.
 pub fn within([a, b, c]: [DVec3; 3], [s, t]: [f64; 2]) -> DVec3 {
     a + s.min(1.0).sqrt() * ((b - a) + t * (c - b))

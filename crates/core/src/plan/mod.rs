@@ -39,7 +39,7 @@ pub use tiles::{Group, TileLayout};
 pub use transport::PlannedTransport;
 pub use weights::RankWeights;
 
-use crate::direct::{Lamp, Visibility};
+use crate::direct::{Lamp, Openness, Visibility};
 use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
 use antirad_base::setters;
 use antirad_scene::{
@@ -313,6 +313,8 @@ pub struct Plan {
     pub(crate) near_field: NearField,
     /// Whether far pairs are kept from pass to pass.
     keeps_far: bool,
+    /// How open the parts of triangles lie, where visibility is explicit: it weights what they receive.
+    pub(crate) openness: Arc<Openness>,
     pub(crate) shares: Shares,
     /// Bytes that the staging buffers are to have, where the device has buffers as large.
     staging: u64,
@@ -446,6 +448,7 @@ impl Plan {
             residency: Residency::Device,
             near_field: NearField::default(),
             keeps_far: false,
+            openness: Arc::default(),
             shares: Shares::default(),
             staging: options.staging,
             memory: MemoryPlan::default(),
@@ -457,7 +460,7 @@ impl Plan {
             // Windows have cut groups anew.
             plan.shares = Shares::of(&plan);
         }
-        plan.choose_near_field()?;
+        plan.choose_near_field(scene)?;
         plan.choose_far_field();
         Ok(plan)
     }
@@ -587,6 +590,12 @@ impl Plan {
     /// Triangles in the engine's coordinates; index = triangle of the scene.
     pub fn facets(&self) -> &[Facet] {
         &self.facets
+    }
+
+    /// How open the parts of triangles lie: those of all equally, unless visibility is explicit.
+    #[doc(hidden)]
+    pub fn openness(&self) -> &Arc<Openness> {
+        &self.openness
     }
 
     /// The map from metres to the engine's coordinates.

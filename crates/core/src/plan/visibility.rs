@@ -1,8 +1,8 @@
 //! The choice between implicit visibility, by antiradiance, and explicit visibility, by rays.
 
 use super::{Occlusion, PlanError, PlanOptions};
-use crate::direct::{STEPS, mixed, sobol, within};
-use crate::model::{Facet, orthonormal_basis, rays_among};
+use crate::direct::from_front;
+use crate::model::{Facet, rays_among};
 use antirad_scene::{SolveSettings, VisibilityChoice};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -54,26 +54,7 @@ fn dense_share(facets: &[Facet]) -> f64 {
     };
     let step = facets.len().div_ceil(LOOKED_AT).max(1);
     let looked: Vec<usize> = (0..facets.len()).step_by(step).filter(|&i| facets[i].area > 0.0).collect();
-    let dense = |&i: &usize| rays_of(&facets[i], i as u64, EACH).filter(|&ray| is_dense(i, ray)).count();
+    let dense = |&i: &usize| from_front(&facets[i], i as u64, EACH).filter(|&ray| is_dense(i, ray)).count();
     let found: usize = looked.par_iter().map(dense).sum();
     found as f64 / (looked.len() * EACH as usize).max(1) as f64
-}
-
-/// Rays that leave all over the front of a triangle, as many in each direction as its cosine asks for: origins and unit directions. A seed always
-/// gives the same ones.
-pub(super) fn rays_of(facet: &Facet, seed: u64, count: u32) -> impl Iterator<Item = (DVec3, DVec3)> {
-    let basis = orthonormal_basis(facet.normal);
-    let corners = facet.corners;
-    let shifts = [0, 1].map(|k| mixed(seed ^ mixed(k)));
-    let [turned, moved] = shifts.map(|shift| [shift as u32, (shift >> 32) as u32]);
-    let unit = |x: u32| f64::from(x) / 2f64.powi(32);
-    (0..count).map(move |ray| {
-        let [s, t] = sobol(ray);
-        let (outward, turn) = (unit(s ^ turned[0]), unit(t ^ turned[1]));
-        let place = [0, 1].map(|k| unit(moved[k].wrapping_add(ray.wrapping_mul(STEPS[k]))));
-        // Uniform on the unit disc below the hemisphere (Nusselt's analogue).
-        let (radius, (sin, cos)) = (outward.sqrt(), (TAU * turn).sin_cos());
-        let direction = basis * DVec3::new(radius * cos, radius * sin, (1.0 - outward).sqrt());
-        (within(corners, place), direction)
-    })
 }

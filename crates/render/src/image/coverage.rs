@@ -34,7 +34,7 @@ struct Share {
     /// Index in the scene, or [`BACK`].
     face: u32,
     samples: u16,
-    /// Sums of the columns and rows of the samples within the pixel.
+    /// Sums of the columns and rows of the cells of the samples within the pixel.
     sums: [u16; 2],
 }
 
@@ -167,7 +167,9 @@ impl Coverage {
             let of_pixel = shares.by_ref().take(count as usize).collect::<Vec<_>>();
             of_pixel.into_iter().filter(|share| share.face != BACK).map(move |share| {
                 let samples = f64::from(share.samples);
-                let within = share.sums.map(|sum| (f64::from(sum) / samples + 0.5) / side);
+                // On the rotated grid of `Grid::place`.
+                let [u, v] = share.sums.map(|sum| f64::from(sum) / samples);
+                let within = [side * u + side - 1.0 - v, side * v + u].map(|at| (at + 0.5) / (side * side));
                 FaceInPixel {
                     face: share.face as usize,
                     pixel,

@@ -1,6 +1,6 @@
 //! Pictures of a scene: what a pinhole camera sees, from a colour per face.
 //!
-//! The nearest face is found at a regular grid of samples in each pixel ([`Rasterizer::visible_samples`]); a pixel is the mean
+//! The nearest face is found at a rotated grid of samples in each pixel ([`Rasterizer::visible_samples`]); a pixel is the mean
 //! over its samples ([`Rasterizer::render`]). Pictures are made in bands of rows, so that any size takes bounded memory.
 //! Fronts have their colour; backs are black and occlude.
 //!

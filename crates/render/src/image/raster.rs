@@ -19,7 +19,7 @@ pub const MAX_SUPERSAMPLE: u32 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct PictureOptions {
-    /// Each pixel is the mean of `supersample` x `supersample` samples on a regular grid; a power of two.
+    /// Each pixel is the mean of `supersample` x `supersample` samples on a rotated grid; a power of two.
     pub supersample: u32,
 }
 
@@ -147,8 +147,8 @@ impl Rasterizer {
     }
 
     /// The visible face of every sample of a picture, `u32::MAX` where there is none: row by row from the top, each of
-    /// `supersample` times the width of the camera. Sample (u, v) of a pixel is at ((u + 0.5) / `supersample`,
-    /// (v + 0.5) / `supersample`) in it, see [`View::ray`](super::View::ray).
+    /// `supersample` times the width of the camera. With s = `supersample`, sample (u, v) of a pixel is at (s u + s - 1/2 - v, s v + u + 1/2) / s²
+    /// in it, see [`View::ray`](super::View::ray): a rotated grid.
     ///
     /// # Errors
     /// Fails if the scene, the camera or `supersample` is invalid, or if the device fails.

@@ -118,7 +118,9 @@ fn touched(grid: &Grid, rows: &Range<u32>, face: &Projected, mut touch: impl FnM
     let columns = tiles(face.bounds.x, grid.width);
     let [bottom, top] = face.bounds.y;
     let face_rows = tiles([-top, -bottom], grid.height);
-    let half = DVec3::new((TILE - 1) as f64 / grid.width as f64, (TILE - 1) as f64 / grid.height as f64, 0.0);
+    // Samples are anywhere in their cells.
+    let half =
+        DVec3::new(f64::from(TILE) / f64::from(grid.width), f64::from(TILE) / f64::from(grid.height), 0.0);
     for row in (*face_rows.start()).max(rows.start)..=(*face_rows.end()).min(rows.end - 1) {
         let y = -centre(row, grid.height);
         for column in columns.clone() {
@@ -132,7 +134,7 @@ fn touched(grid: &Grid, rows: &Range<u32>, face: &Projected, mut touch: impl FnM
     }
 }
 
-/// Centre of a tile's samples in the picture, from -1 to 1.
+/// Centre of a tile in the picture, from -1 to 1.
 fn centre(tile: u32, samples: u32) -> f64 {
     f64::from((2 * tile + 1) * TILE) / f64::from(samples) - 1.0
 }

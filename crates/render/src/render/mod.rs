@@ -22,7 +22,7 @@ use glam::DVec3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RenderOptions {
-    /// Each pixel is the mean of `supersample` x `supersample` samples on a regular grid; a power of two.
+    /// Each pixel is the mean of `supersample` x `supersample` samples on a rotated grid; a power of two.
     pub supersample: u32,
     /// Gathered light at each visible point, or one colour per face.
     pub shading: Shading,

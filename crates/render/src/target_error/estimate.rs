@@ -6,6 +6,7 @@ use super::pictures::Visible;
 use super::surface::Surface;
 use crate::image::ImageError;
 use crate::shading::{Light, Shading};
+use antirad_core::Energy;
 use antirad_scene::{Edges, Scene, Welded};
 use glam::DVec3;
 use serde::Serialize;
@@ -124,8 +125,9 @@ impl IrradianceEstimate {
         let mesh = of_mesh.total();
         let parts = root_of_squares([compared, mesh, residual, clusters, sampling]);
         let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
-        let escaped = (sum(own.energy.escaped) / sum(own.energy.emitted).max(f64::MIN_POSITIVE)).abs();
-        let balance = is_closed(scene).then_some(escaped);
+        let Energy { emitted, escaped, unaccounted, .. } = own.energy;
+        let missing = (sum(escaped) + sum(unaccounted)) / sum(emitted).max(f64::MIN_POSITIVE);
+        let balance = is_closed(scene).then_some(missing.abs());
         let total = balance.map_or(parts, |balance| parts.max(balance));
         (Self { total, compared, mesh, residual, clusters, sampling, balance }, of_mesh)
     }

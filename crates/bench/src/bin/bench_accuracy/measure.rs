@@ -34,7 +34,14 @@ pub fn measure(
     let start = Instant::now();
     if !plan.lamps().is_empty() {
         let (lamps, material) = (plan.lamps().to_vec(), |i| scene.material(i));
-        let light = DirectLight::new(backend.ranks(), plan.facets(), lamps, plan.visibility(), material);
+        let light = DirectLight::new(
+            backend.ranks(),
+            plan.facets(),
+            lamps,
+            plan.visibility(),
+            plan.openness().clone(),
+            material,
+        );
         std::hint::black_box(light?);
     }
     let direct = start.elapsed().as_secs_f64();

@@ -10,8 +10,9 @@ pub use blocks::{IncidentPart, OutgoingPart};
 pub use sliced::{Block, NO_ROW, SLICE, SlicedMatrix};
 
 use super::{MemoryPlan, NearPairs, Plan, PlanError, PlannedTransport, Residency};
-use crate::model::PADDING;
-use antirad_scene::Precision;
+use crate::direct::Openness;
+use crate::model::{PADDING, rays_among};
+use antirad_scene::{Precision, Scene};
 use blocks::Blocks;
 use rays::Seen;
 use rows::{Geometry, Row, Rows};
@@ -96,9 +97,9 @@ impl Plan {
     ///
     /// # Errors
     /// Fails if light goes by rays and their matrix does not fit.
-    pub(super) fn choose_near_field(&mut self) -> Result<(), PlanError> {
+    pub(super) fn choose_near_field(&mut self, scene: &Scene) -> Result<(), PlanError> {
         if let PlannedTransport::Rays { rays, .. } = self.transport {
-            return self.keep_rays(rays);
+            return self.keep_rays(scene, rays);
         }
         let evaluated = |why| NearField::Evaluated { why };
         self.near_field = self.near_matrix().map_or_else(evaluated, NearField::Kept);
@@ -114,11 +115,13 @@ impl Plan {
     }
 
     /// Traces the rays that all light goes by.
-    fn keep_rays(&mut self, rays: u32) -> Result<(), PlanError> {
+    fn keep_rays(&mut self, scene: &Scene, count: u32) -> Result<(), PlanError> {
         let blocks = Blocks::new(&self.layout, self.bins.count());
+        let rays = rays_among(&self.facets);
+        self.openness = Openness::new(&self.facets, &rays, |i| scene.material(i).emission != [0.0; 3]).into();
         let rows = {
             let geometry = self.matrix_geometry();
-            let seen = Seen::new(&geometry, rays);
+            let seen = Seen::new(&geometry, (rays, count), &self.openness);
             let slots = || (0..self.layout.slots()).filter(|&s| self.layout.order[s as usize] != PADDING);
             let own: Vec<u32> = slots().filter(|&slot| self.owns(slot)).collect();
             // Not traced in vain where they are far too many.

@@ -33,15 +33,13 @@ pub fn samples(grid: &Grid, band: Band, faces: &[Projected], wanted: &Tiles) -> 
         touched.for_each(|(t, tile)| {
             let tile = tile.get_or_insert_with(Tile::empty);
             let corner = [t % columns * SIDE, band.first_row as usize + t / columns * SIDE];
-            let place = |at: usize, of: u32| (2 * at + 1) as f32 / of as f32 - 1.0;
-            let x: [f32; SIDE] = std::array::from_fn(|k| place(corner[0] + k, grid.width));
-            let y: [f32; SIDE] = std::array::from_fn(|k| -place(corner[1] + k, grid.height));
+            let places = Places::new(grid, corner.map(|at| at as u32));
             let [begin, end] = [t, t + 1].map(|t| lists.tile_start[t] as usize);
             for &face in &lists.tile_faces[begin..end] {
                 let (face, number) = (&listed[face as usize], numbers[face as usize]);
                 vectorised(
                     #[inline(always)]
-                    || tile.add(face, number, &x, &y),
+                    || tile.add(face, number, &places),
                 );
             }
         });
@@ -59,6 +57,26 @@ pub fn samples(grid: &Grid, band: Band, faces: &[Projected], wanted: &Tiles) -> 
     samples
 }
 
+/// The places of the samples of a tile, row by row, -1 to 1; y upwards.
+struct Places {
+    x: [[f32; SIDE]; SIDE],
+    y: [[f32; SIDE]; SIDE],
+}
+
+impl Places {
+    /// `corner`: column and row of the first.
+    fn new(grid: &Grid, [column, row]: [u32; 2]) -> Self {
+        let mut places = Self { x: [[0.0; SIDE]; SIDE], y: [[0.0; SIDE]; SIDE] };
+        for (r, (x, y)) in (row..).zip(places.x.iter_mut().zip(&mut places.y)) {
+            for (c, (x, y)) in (column..).zip(x.iter_mut().zip(y)) {
+                let [right, down] = grid.place(c, r);
+                (*x, *y) = (right, -down);
+            }
+        }
+        places
+    }
+}
+
 impl Tile {
     /// A tile that shows no face: its depths are infinitely far.
     fn empty() -> Box<Self> {
@@ -67,13 +85,14 @@ impl Tile {
 
     /// Adds a face. Lists are in the scene's order: of faces at equal depth the first one wins.
     #[inline(always)]
-    fn add(&mut self, face: &Face, number: u32, x: &[f32; SIDE], y: &[f32; SIDE]) {
+    fn add(&mut self, face: &Face, number: u32, places: &Places) {
         let [e0, e1, e2] = face.edges;
-        for ((depths, samples), &y) in self.depths.iter_mut().zip(&mut self.samples).zip(y) {
+        let rows = self.depths.iter_mut().zip(&mut self.samples).zip(places.x.iter().zip(&places.y));
+        for ((depths, samples), (x, y)) in rows {
             for k in 0..SIDE {
-                let edge = |e: [f32; 4]| e[0] * x[k] + e[1] * y + e[2];
+                let edge = |e: [f32; 4]| e[0] * x[k] + e[1] * y[k] + e[2];
                 let (a, b, c) = (edge(e0), edge(e1), edge(e2));
-                let near = e0[3] * x[k] + e1[3] * y + e2[3];
+                let near = e0[3] * x[k] + e1[3] * y[k] + e2[3];
                 let seen = (a >= 0.0) & (b >= 0.0) & (c >= 0.0) & (near > depths[k]);
                 depths[k] = if seen { near } else { depths[k] };
                 samples[k] = if seen { number } else { samples[k] };

@@ -19,6 +19,7 @@ struct Push {
     height: u32,
     first_row: u32,
     rows: u32,
+    side: u32,
 }
 
 pub fn pipeline(device: &Device) -> Result<Pipeline, GpuError> {
@@ -65,7 +66,7 @@ impl Visibility {
     /// # Errors
     /// Fails if the device fails.
     pub fn samples(&self, band: Band, faces: &[Projected], wanted: &Tiles) -> Result<Vec<u32>, GpuError> {
-        let Grid { width, height, .. } = self.grid;
+        let Grid { width, height, side, .. } = self.grid;
         let bytes = u64::from(width) * u64::from(band.rows) * 4;
         let mut batch = self.device.batch()?;
         // Infinitely far.
@@ -73,7 +74,7 @@ impl Visibility {
         batch.fill(&self.samples, 0, bytes, NONE)?;
         batch.submit()?;
 
-        let push = Push { width, height, first_row: band.first_row, rows: band.rows };
+        let push = Push { width, height, first_row: band.first_row, rows: band.rows, side };
         let groups = [self.grid.tile_columns(), band.tile_rows().len() as u32, 1];
         let shape = format!("{width}x{}", band.rows);
         let mut first = 0;
