@@ -1,6 +1,6 @@
 //! The objective: loss and gradient as functions of the unknowns.
 
-use super::exposure::{self, Exposure};
+use super::exposure::{self, Exposure, Sensor};
 use super::loss::PictureLoss;
 use super::parameters::{Parameters, Shown};
 use super::regulariser::Regularisers;
@@ -9,6 +9,7 @@ use super::target::Target;
 use antirad_render::render::{Quantity, SceneGradient};
 use antirad_scene::Scene;
 use glam::DVec3;
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -33,7 +34,7 @@ pub struct Evaluation {
     pub gradient: Vec<f64>,
     /// Loss per view, before weights.
     pub views: Vec<f64>,
-    /// Value per regulariser, with its weight.
+    /// Value per regulariser, with its weight; at the end that of responses, if they are unknown.
     pub assumptions: Vec<f64>,
 }
 
@@ -44,13 +45,13 @@ pub struct Judged {
     pub scene: Scene,
     /// Pictures, per view, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
-    /// Factors from radiance to the numbers of each target, per channel.
-    pub gains: Vec<DVec3>,
+    /// What makes the numbers of each target from radiance.
+    pub sensors: Vec<Sensor>,
     /// Loss including regularisers.
     pub value: f64,
     /// Loss per view, before weights.
     pub views: Vec<f64>,
-    /// Value per regulariser, with its weight.
+    /// Value per regulariser, with its weight; at the end that of responses, if they are unknown.
     pub assumptions: Vec<f64>,
 }
 
@@ -70,23 +71,25 @@ impl Problem {
         self.targets.iter().map(|t| t.weight / sum).collect()
     }
 
-    /// Gains of each view, see [`exposure`]; 1 where the loss is not smooth, which [`Job::new`](super::Job::new) refuses.
-    fn gains(&self, pictures: &[Vec<DVec3>]) -> Vec<DVec3> {
-        let gains = exposure::gains(&self.targets, pictures, &*self.loss);
-        gains.unwrap_or_else(|| vec![DVec3::ONE; pictures.len()])
+    /// Gains and responses of each view, see [`exposure`]; the usual ones where the loss is not smooth, which
+    /// [`Job::new`](super::Job::new) refuses.
+    fn sensors(&self, pictures: &[Vec<DVec3>]) -> Vec<Sensor> {
+        let sensors = exposure::sensors(&self.targets, pictures, &*self.loss);
+        sensors.unwrap_or_else(|| self.targets.iter().map(Sensor::usual).collect())
     }
 
-    /// Loss of the pictures per view and in total, and derivatives by pixels, with the gains of each view.
-    fn compare(&self, pictures: &[Vec<DVec3>], gains: &[DVec3]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
+    /// Loss of the pictures per view and in total, and derivatives by pixels, with the sensor of each view.
+    fn compare(&self, pictures: &[Vec<DVec3>], sensors: &[Sensor]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
         let mut views = Vec::with_capacity(pictures.len());
         let mut by_pixels = Vec::with_capacity(pictures.len());
         let mut sum = 0.0;
-        let exposed = exposed(pictures, gains);
+        let exposed = exposed(pictures, sensors);
         for (view, ((picture, target), weight)) in
             exposed.iter().zip(&self.targets).zip(self.weights()).enumerate()
         {
             let (value, mut gradient) = self.loss.evaluate(view, picture, target);
-            gradient.iter_mut().for_each(|g| *g *= weight * gains[view]);
+            let slopes = sensors[view].slopes(&pictures[view]);
+            gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g *= weight * slope);
             sum += weight * value;
             views.push(value);
             by_pixels.push(gradient);
@@ -113,7 +116,8 @@ impl Problem {
             }
             Err(error) => return Err(error),
         };
-        let (views, loss, by_pixels) = self.compare(&pictures, &self.gains(&pictures));
+        let sensors = self.sensors(&pictures);
+        let (views, loss, by_pixels) = self.compare(&pictures, &sensors);
         let request = self.parameters.gradient_request();
         let (mut by_scene, mut gradient) = match renderer.pull_back(&by_pixels, request)? {
             Some(by_scene) => (by_scene, vec![0.0; x.len()]),
@@ -122,8 +126,9 @@ impl Problem {
                 (SceneGradient::zeros(&scene, request), differences)
             }
         };
-        let assumptions =
+        let mut assumptions =
             self.regularisers.evaluate(&self.parameters, &scene, x, &mut by_scene, &mut gradient);
+        assumptions.extend(exposure::unlike_srgb(&self.targets, &sensors));
         let pulled = self.parameters.pull_back(x, &by_scene);
         gradient.iter_mut().zip(pulled).for_each(|(g, p)| *g += p);
         let value = loss + assumptions.iter().sum::<f64>();
@@ -137,12 +142,14 @@ impl Problem {
     pub fn judge(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Judged, RenderError> {
         let scene = self.parameters.scene(x);
         let pictures = renderer.pictures(&scene)?;
-        let gains = self.gains(&pictures);
-        let (views, loss, _) = self.compare(&pictures, &gains);
+        let sensors = self.sensors(&pictures);
+        let (views, loss, _) = self.compare(&pictures, &sensors);
         let (mut nowhere, mut direct) = (SceneGradient::default(), vec![0.0; x.len()]);
-        let assumptions = self.regularisers.evaluate(&self.parameters, &scene, x, &mut nowhere, &mut direct);
+        let mut assumptions =
+            self.regularisers.evaluate(&self.parameters, &scene, x, &mut nowhere, &mut direct);
+        assumptions.extend(exposure::unlike_srgb(&self.targets, &sensors));
         let value = loss + assumptions.iter().sum::<f64>();
-        Ok(Judged { scene, pictures, gains, value, views, assumptions })
+        Ok(Judged { scene, pictures, sensors, value, views, assumptions })
     }
 
     /// The unknowns with all emission scaled by one factor per channel, that which explains pictures of known exposure best. Pictures are
@@ -158,9 +165,10 @@ impl Problem {
         }
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
         let shared = Exposure { gain: true, white_balance: true, shared: Some(0) };
-        let targets: Vec<Target> = self.targets.iter().map(|target| target.clone().exposed(shared)).collect();
-        let gains = exposure::gains(&targets, &pictures, &*self.loss);
-        let factor = gains.and_then(|gains| gains.first().copied());
+        let known = |target: &Target| Target { response: None, ..target.clone().exposed(shared) };
+        let targets: Vec<Target> = self.targets.iter().map(known).collect();
+        let sensors = exposure::sensors(&targets, &pictures, &*self.loss);
+        let factor = sensors.and_then(|sensors| Some(sensors.first()?.gain));
         if let Some(factor) = factor.filter(|factor| factor.is_finite() && factor.min_element() > 0.0) {
             let emission = self.parameters.unknowns_of(Quantity::Emission);
             for (k, unknown) in emission.into_iter().enumerate() {
@@ -257,13 +265,18 @@ impl Problem {
         renderer: &mut dyn Renderer,
     ) -> Result<Option<Vec<f64>>, RenderError> {
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
-        let gains = self.gains(&pictures);
-        let here = exposed(&pictures, &gains).into_owned();
+        let sensors = self.sensors(&pictures);
+        let here = exposed(&pictures, &sensors).into_owned();
         let Some(weights) = self.curvatures(&here) else { return Ok(None) };
-        let by_radiance = |(weights, gain): (&Vec<DVec3>, &DVec3)| {
-            weights.iter().map(|weight| *weight * *gain * *gain).collect()
+        let by_radiance = |((weights, sensor), picture): ((&Vec<DVec3>, &Sensor), &Vec<DVec3>)| {
+            weights
+                .iter()
+                .zip(sensor.slopes(picture))
+                .map(|(weight, slope)| *weight * slope * slope)
+                .collect()
         };
-        let by_radiance: Vec<Vec<DVec3>> = weights.iter().zip(&gains).map(by_radiance).collect();
+        let by_radiance: Vec<Vec<DVec3>> =
+            weights.iter().zip(&sensors).zip(&pictures).map(by_radiance).collect();
         let squares =
             renderer.own_squares(&by_radiance).and_then(|squares| self.parameters.own_squares(&squares));
         let Some(mut squares) = squares else { return Ok(None) };
@@ -308,7 +321,7 @@ impl Problem {
         let steps = self.steps_into_room(x);
         let per_unknown = |change: f64, i: usize| if steps[i] == 0.0 { 0.0 } else { change / steps[i] };
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
-        let here = exposed(&pictures, &self.gains(&pictures)).into_owned();
+        let here = exposed(&pictures, &self.sensors(&pictures)).into_owned();
         let Some(weights) = self.curvatures(&here) else { return Ok(None) };
         let mut columns: Vec<Vec<Vec<DVec3>>> = vec![Vec::new(); n];
         for column in self.parameters.columns() {
@@ -364,8 +377,8 @@ impl Problem {
             Err(RenderError::NoAnswer(_)) => return Ok(None),
             pictures => pictures?,
         };
-        // Gains are found again, whose part in the derivatives is thereby projected out.
-        let there = exposed(&there, &self.gains(&there)).into_owned();
+        // Gains and responses are found again, whose part in the derivatives is thereby projected out.
+        let there = exposed(&there, &self.sensors(&there)).into_owned();
         let slopes = |shown: &Shown| {
             let step = steps[shown.unknown];
             let only = shown.channel.map_or(DVec3::ONE, |c| DVec3::AXES[c]);
@@ -388,14 +401,12 @@ fn weighted(slopes: &[Vec<DVec3>], weights: &[Vec<DVec3>]) -> Pictures {
     slopes.iter().zip(weights).map(of_view).collect()
 }
 
-/// Pictures in the unit of their targets.
-fn exposed<'a>(pictures: &'a [Vec<DVec3>], gains: &[DVec3]) -> Cow<'a, [Vec<DVec3>]> {
-    if gains.iter().all(|gain| *gain == DVec3::ONE) {
+/// Pictures in the numbers of their targets.
+fn exposed<'a>(pictures: &'a [Vec<DVec3>], sensors: &[Sensor]) -> Cow<'a, [Vec<DVec3>]> {
+    if sensors.iter().all(Sensor::is_identity) {
         return Cow::Borrowed(pictures);
     }
-    let view =
-        |(picture, gain): (&Vec<DVec3>, &DVec3)| picture.iter().map(|radiance| gain * radiance).collect();
-    Cow::Owned(pictures.iter().zip(gains).map(view).collect())
+    Cow::Owned(pictures.par_iter().zip(sensors).map(|(picture, sensor)| sensor.numbers(picture)).collect())
 }
 
 fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
