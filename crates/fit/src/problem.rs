@@ -55,8 +55,8 @@ pub struct Judged {
     pub assumptions: Vec<f64>,
 }
 
-/// Pictures, or derivatives of pictures, per view.
-type Pictures = Vec<Vec<DVec3>>;
+/// Derivatives of pictures by an unknown, per view and channel; empty where it changes nothing.
+type Slopes = Vec<[Vec<f32>; 3]>;
 
 /// Step of finite differences, in units of the unknowns' scale: balances truncation error against rounding in f32.
 const DIFFERENCE: f64 = 1e-3;
@@ -284,7 +284,7 @@ impl Problem {
         for column in columns {
             let Some(slopes) = self.slopes(x, &column, &here, renderer)? else { return Ok(None) };
             for (unknown, slopes) in slopes {
-                squares[unknown] = product(&weighted(&slopes, &weights), &slopes);
+                squares[unknown] = weighted_product(&slopes, &slopes, &weights);
             }
         }
         Ok(Some(squares))
@@ -323,17 +323,19 @@ impl Problem {
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
         let here = exposed(&pictures, &self.sensors(&pictures)).into_owned();
         let Some(weights) = self.curvatures(&here) else { return Ok(None) };
-        let mut columns: Vec<Vec<Vec<DVec3>>> = vec![Vec::new(); n];
+        let mut columns: Vec<Slopes> = vec![Slopes::new(); n];
         for column in self.parameters.columns() {
             let Some(slopes) = self.slopes(x, &column, &here, renderer)? else { return Ok(None) };
             slopes.into_iter().for_each(|(unknown, slopes)| columns[unknown] = slopes);
         }
+        let row = |i: usize| -> Vec<f64> {
+            (0..=i).map(|j| weighted_product(&columns[i], &columns[j], &weights)).collect()
+        };
+        let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(row).collect();
         let mut hessian = vec![0.0; n * n];
-        for i in 0..n {
-            let weighted = weighted(&columns[i], &weights);
-            for j in 0..=i {
-                let entry = product(&weighted, &columns[j]);
-                (hessian[i * n + j], hessian[j * n + i]) = (entry, entry);
+        for (i, row) in rows.iter().enumerate() {
+            for (j, entry) in row.iter().enumerate() {
+                (hessian[i * n + j], hessian[j * n + i]) = (*entry, *entry);
             }
         }
         let gradient = |x: &[f64]| self.gradient_of_regularisers(&self.parameters.scene(x), x);
@@ -361,15 +363,14 @@ impl Problem {
         self.parameters.steps(COLUMN_STEP).into_iter().enumerate().map(into_room).collect()
     }
 
-    /// Derivatives of the exposed pictures by the unknowns of a column, by forward differences from the exposed pictures `here`; empty for views that an
-    /// unknown does not change. `None` if there are no pictures at the end of the step.
+    /// Derivatives of the exposed pictures by the unknowns of a column, by forward differences from the exposed pictures `here`. `None` if there are no pictures at the end of the step.
     fn slopes(
         &self,
         x: &[f64],
         column: &[Shown],
         here: &[Vec<DVec3>],
         renderer: &mut dyn Renderer,
-    ) -> Result<Option<Vec<(usize, Pictures)>>, RenderError> {
+    ) -> Result<Option<Vec<(usize, Slopes)>>, RenderError> {
         let steps = self.steps_into_room(x);
         let mut moved = x.to_vec();
         column.iter().for_each(|shown| moved[shown.unknown] += steps[shown.unknown]);
@@ -381,24 +382,28 @@ impl Problem {
         let there = exposed(&there, &self.sensors(&there)).into_owned();
         let slopes = |shown: &Shown| {
             let step = steps[shown.unknown];
-            let only = shown.channel.map_or(DVec3::ONE, |c| DVec3::AXES[c]);
-            let only = if step == 0.0 { DVec3::ZERO } else { only / step };
-            let slope = |(a, b): (&DVec3, &DVec3)| only * (b - a);
-            let of_view = |(view, (a, b)): (usize, (&Vec<DVec3>, &Vec<DVec3>))| match shown.changes(view) {
-                true => a.iter().zip(b).map(slope).collect(),
-                false => Vec::new(),
+            let of_channel = |view: usize, c: usize| {
+                let changes = shown.changes(view) && shown.channel.is_none_or(|only| only == c);
+                let pixels = here[view].iter().zip(&there[view]).filter(|_| changes && step != 0.0);
+                pixels.map(|(a, b)| ((b[c] - a[c]) / step) as f32).collect()
             };
-            (shown.unknown, here.iter().zip(&there).enumerate().map(of_view).collect())
+            let of_view = |view: usize| [0, 1, 2].map(|c| of_channel(view, c));
+            (shown.unknown, (0..here.len()).map(of_view).collect())
         };
         Ok(Some(column.iter().map(slopes).collect()))
     }
 }
 
-fn weighted(slopes: &[Vec<DVec3>], weights: &[Vec<DVec3>]) -> Pictures {
-    let of_view = |(slopes, weights): (&Vec<DVec3>, &Vec<DVec3>)| {
-        slopes.iter().zip(weights).map(|(slope, weight)| slope * weight).collect()
+/// The sum over pixels of the product of two derivatives and a weight.
+fn weighted_product(a: &Slopes, b: &Slopes, weights: &[Vec<DVec3>]) -> f64 {
+    let channel = |a: &[f32], b: &[f32], weights: &[DVec3], c: usize| {
+        let product = |((a, b), weight): ((&f32, &f32), &DVec3)| f64::from(*a) * f64::from(*b) * weight[c];
+        a.iter().zip(b).zip(weights).map(product).sum::<f64>()
     };
-    slopes.iter().zip(weights).map(of_view).collect()
+    let view = |((a, b), weights): ((&[Vec<f32>; 3], &[Vec<f32>; 3]), &Vec<DVec3>)| {
+        (0..3).map(|c| channel(&a[c], &b[c], weights, c)).sum::<f64>()
+    };
+    a.iter().zip(b).zip(weights).map(view).sum()
 }
 
 /// Pictures in the numbers of their targets.
