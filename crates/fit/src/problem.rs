@@ -55,8 +55,11 @@ pub struct Judged {
     pub assumptions: Vec<f64>,
 }
 
-/// Derivatives of pictures by an unknown, per view and channel; empty where it changes nothing.
-type Slopes = Vec<[Vec<f32>; 3]>;
+/// Derivatives of a picture by an unknown, per channel; empty where it changes nothing.
+type Slope = [Vec<f32>; 3];
+
+/// The same per view.
+type Slopes = Vec<Slope>;
 
 /// Step of finite differences, in units of the unknowns' scale: balances truncation error against rounding in f32.
 const DIFFERENCE: f64 = 1e-3;
@@ -400,7 +403,7 @@ fn weighted_product(a: &Slopes, b: &Slopes, weights: &[Vec<DVec3>]) -> f64 {
         let product = |((a, b), weight): ((&f32, &f32), &DVec3)| f64::from(*a) * f64::from(*b) * weight[c];
         a.iter().zip(b).zip(weights).map(product).sum::<f64>()
     };
-    let view = |((a, b), weights): ((&[Vec<f32>; 3], &[Vec<f32>; 3]), &Vec<DVec3>)| {
+    let view = |((a, b), weights): ((&Slope, &Slope), &Vec<DVec3>)| {
         (0..3).map(|c| channel(&a[c], &b[c], weights, c)).sum::<f64>()
     };
     a.iter().zip(b).zip(weights).map(view).sum()

@@ -20,7 +20,7 @@ pub enum Response {
 
 impl Response {
     /// Exposure, of that of white, from what decoding by sRGB gives.
-    pub(super) fn from_srgb(self, decoded: f64) -> f64 {
+    pub(super) fn light_of(self, decoded: f64) -> f64 {
         let number = || antirad_scene::srgb_from_linear(decoded);
         match self {
             Self::Srgb | Self::Fit => decoded,
@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn numbers_of_other_responses_are_decoded() {
         let decoded = antirad_scene::linear_from_srgb(0.5);
-        let as_if = |response: Response| response.from_srgb(decoded);
+        let as_if = |response: Response| response.light_of(decoded);
         assert!((as_if(Response::Linear) - 0.5).abs() <= 1e-12);
         assert!((as_if(Response::Gamma(2.2)) - 0.5_f64.powf(2.2)).abs() <= 1e-12);
         assert_eq!((as_if(Response::Srgb), as_if(Response::Fit)), (decoded, decoded));

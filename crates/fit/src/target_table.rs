@@ -112,7 +112,7 @@ impl Treatment {
             None | Some(Response::Srgb | Response::Fit) if photo.ends_at_white => Ok(photo),
             None | Some(Response::Linear) if !photo.ends_at_white => Ok(photo),
             Some(response) if photo.ends_at_white => {
-                Ok(photo.decoded_again(|decoded| response.from_srgb(decoded)))
+                Ok(photo.decoded_again(|decoded| response.light_of(decoded)))
             }
             _ => Err(TargetError::Response),
         }
