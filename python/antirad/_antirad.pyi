@@ -559,6 +559,8 @@ def load_targets(
     mask: _Path | None = None,
     layer: str | None = None,
     every: int = 1,
+    response: Literal["srgb", "linear", "gamma", "fit"] | None = None,
+    gamma: float = 2.2,
     pixels: int = 2_000_000,
 ) -> list[Target]: ...
 def read_picture(path: _Path, *, white: float = 1.0) -> NDArray[np.float64]: ...

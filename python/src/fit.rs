@@ -7,7 +7,7 @@ use crate::plan::from_json;
 use crate::scene::{Camera, Scene};
 use crate::work::{self, Report, callback, record_dict};
 use antirad::fit::{
-    self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, Photographs,
+    self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, Photographs, Response,
     RunOptions, Settings, StopRule, USUAL_PIXELS,
 };
 use antirad::glam::DVec3;
@@ -452,15 +452,20 @@ pub fn load_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
 ///     mask: Path of masks, in which `{name}` stands for the name of the frame.
 ///     layer: Layer of EXR files.
 ///     every: Each n-th frame only.
+///     response: How numbers of integer formats follow from radiance: "srgb", "linear", "gamma", or "fit", one curve for all pictures
+///         that `fit` finds. By default "srgb".
+///     gamma: The exponent of "gamma".
 ///     pixels: Largest number of pixels of all pictures together. They are averaged down by the smallest whole number that keeps it.
 ///
 /// Raises:
 ///     SceneError: The set cannot be read.
 ///     PictureError: A picture cannot be read, or does not fit its camera; the message names the frame.
-///     ValueError: `every` or `pixels` is 0.
+///     ValueError: `every` or `pixels` is 0, `response` is unknown, or `gamma` is not above 0.
 #[pyfunction]
-#[pyo3(signature = (path, *, images=None, suffix=None, mask=None, layer=None, every=1, pixels=USUAL_PIXELS),
-    text_signature = "(path, *, images=None, suffix=None, mask=None, layer=None, every=1, pixels=2_000_000)")]
+#[pyo3(signature = (path, *, images=None, suffix=None, mask=None, layer=None, every=1, response=None, gamma=2.2,
+    pixels=USUAL_PIXELS),
+    text_signature = "(path, *, images=None, suffix=None, mask=None, layer=None, every=1, response=None, gamma=2.2, \
+    pixels=2_000_000)")]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
 pub fn load_targets(
     py: Python<'_>,
@@ -470,8 +475,15 @@ pub fn load_targets(
     mask: Option<PathBuf>,
     layer: Option<String>,
     every: usize,
+    response: Option<&str>,
+    gamma: f64,
     pixels: usize,
 ) -> PyResult<Vec<Target>> {
+    let response = match response {
+        Some("gamma") if gamma > 0.0 && gamma.is_finite() => Some(Response::Gamma(gamma)),
+        Some("gamma") => return Err(invalid(format!("gamma is {gamma}; it must be above 0, and finite"))),
+        response => response.map(|response| word("response", response)).transpose()?,
+    };
     if every == 0 || pixels == 0 {
         return Err(invalid("every and pixels must be 1 or more".to_owned()));
     }
@@ -479,6 +491,7 @@ pub fn load_targets(
         let mut set = CameraSet::read(&path).or_raise()?;
         set.frames = set.frames.into_iter().step_by(every).collect();
         let photographs = Photographs::new(set).images(images).suffix(suffix).mask(mask).layer(layer);
+        let photographs = photographs.response(response);
         let shrink = photographs.shrink_to(pixels);
         photographs.shrink(shrink).targets().map_err(exceptions::PictureError::new_err)
     })??;

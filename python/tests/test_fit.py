@@ -138,5 +138,9 @@ def test_photographs_and_their_cameras_are_read(tmp_path):
         antirad.load_targets(tmp_path / "transforms.json", suffix=".hdr")
     with pytest.raises(ValueError, match="every"):
         antirad.load_targets(tmp_path / "transforms.json", every=0)
+    with pytest.raises(ValueError, match="gamma"):
+        antirad.load_targets(tmp_path / "transforms.json", response="gamma", gamma=0)
+    with pytest.raises(antirad.PictureError, match="response"):
+        antirad.load_targets(tmp_path / "transforms.json", response="fit")
     with pytest.raises(antirad.SceneError, match=r"none\.json"):
         antirad.load_cameras(tmp_path / "none.json")

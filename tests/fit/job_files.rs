@@ -4,6 +4,7 @@ use crate::{SCENE, says};
 use antirad::backend::BackendChoice;
 use antirad::fit::{JobFile, LossKind, OptimiserKind};
 use antirad::image::{Exposure, Picture, ToneMap};
+use antirad_scene::{linear_from_srgb, srgb_from_linear};
 use std::fs;
 use tempfile::TempDir;
 
@@ -199,6 +200,41 @@ fn png_targets_are_decoded_and_clipped_pixels_left_out() {
     says(&file.warnings[0], &["1 clipped pixels", "clipped = \"use\""]);
     fs::write(folder.path().join("j.toml"), text.replace("white = 2", "clipped = \"use\"")).expect("written");
     assert_eq!(load(&folder).expect("a job").job.problem().targets[0].mask, None);
+}
+
+#[test]
+fn responses_of_cameras() {
+    let keys = |keys: &str| job("p.exr\"", &format!("p.png\"\n{keys}"));
+    let folder = folder(&[]);
+    let tone = ToneMap::default().exposure(Exposure::Stops(0.0)).srgb(false);
+    picture(16, 12).write_png(folder.path().join("p.png"), &tone).expect("written");
+    let target = |text: &str| {
+        fs::write(folder.path().join("j.toml"), text).expect("written");
+        load(&folder).map(|file| file.job.problem().targets[0].clone())
+    };
+    let number = srgb_from_linear(target(&keys("")).expect("a job").pixels[0].x);
+    for (text, value) in [
+        ("response = \"srgb\"", linear_from_srgb(number)),
+        ("response = \"linear\"", number),
+        ("response = \"gamma\"", number.powf(2.2)),
+        ("response = \"gamma\"\ngamma = 1.8", number.powf(1.8)),
+        ("response = \"fit\"", linear_from_srgb(number)),
+    ] {
+        let found = target(&keys(text)).expect("a job");
+        assert!((found.pixels[0].x - value).abs() <= 1e-6, "{text}: {} {value}", found.pixels[0]);
+        assert_eq!(found.response.is_some(), text.contains("fit"));
+    }
+    let response = target(&keys("white = 2\nresponse = \"fit\"")).expect("a job").response;
+    assert_eq!(response.map(|response| response.white), Some(2.0));
+    target(&job("weight = 2", "response = \"linear\"")).expect("floats are linear");
+    refused(&job("weight = 2", "response = \"fit\""), &["j.toml:4", "p.exr", "`response` is for PNG"]);
+    refused(&job("weight = 2", "response = \"gama\""), &["j.toml:6", "gamma"]);
+    refused(&job("weight = 2", "gamma = 2"), &["j.toml:6", "response = \"gamma\""]);
+    refused(&job("weight = 2", "response = \"gamma\"\ngamma = 0"), &["j.toml:7", "gamma = 0"]);
+    refused(&job("weight = 2", "response = \"gamma\"\ngamma = nan"), &["j.toml:7", "gamma = NaN"]);
+    let text = keys("response = \"fit\"").replace("relative-l2", "l1");
+    let error = target(&text).expect_err("no smooth loss");
+    says(&error.to_string(), &["responses", "huber"]);
 }
 
 #[test]

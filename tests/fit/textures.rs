@@ -5,13 +5,15 @@ use crate::support::{backend, finish};
 use antirad::backend::Backend;
 use antirad::export::{Format, export};
 use antirad::fit::{
-    EngineRenderer, Exposure, Fit, Job, JobFile, LossKind, Per, Regulariser, Renderer, RunOptions, Settings,
-    StopRule, Target,
+    EngineRenderer, Exposure, Fit, Job, JobFile, LossKind, Outcome, Per, Regulariser, Renderer, RunOptions,
+    Settings, StopRule, Target, UnknownResponse,
 };
 use antirad::image::Picture;
 use antirad::render::Quantity;
 use antirad::scene::{BinLayout, Camera, LoadOptions, Material, Mesh, Orient, Scene, SceneBuilder, Shape};
+use antirad_scene::{linear_from_srgb, srgb_from_linear};
 use glam::{DAffine3, DVec3};
+use std::f64::consts::TAU;
 use std::fmt::Write;
 use std::ops::ControlFlow;
 
@@ -87,8 +89,12 @@ fn truth(job: &Job) -> Vec<f64> {
     x
 }
 
-/// A job whose targets are pictures of the truth, times such gains.
-fn job(settings: Settings, exposure: Exposure, gains: [DVec3; 2]) -> (Job, EngineRenderer, Vec<f64>) {
+/// A job whose targets are pictures of the truth, times such gains, as a camera takes them.
+fn job(
+    settings: Settings,
+    gains: [DVec3; 2],
+    taken: &dyn Fn(Target) -> Target,
+) -> (Job, EngineRenderer, Vec<f64>) {
     let backend = backend();
     let blank = |camera: Camera, pixels| Target::new(camera, pixels, None, 1.0).expect("a target");
     let black = |camera: Camera| blank(camera, vec![DVec3::ZERO; 32 * 24]);
@@ -101,7 +107,7 @@ fn job(settings: Settings, exposure: Exposure, gains: [DVec3; 2]) -> (Job, Engin
     let pictures = renderer.pictures(&seen).expect("pictures");
     drop(renderer);
     let exposed = |((camera, picture), gain): ((Camera, Vec<DVec3>), DVec3)| {
-        blank(camera, picture.iter().map(|radiance| gain * *radiance).collect()).exposed(exposure)
+        taken(blank(camera, picture.iter().map(|radiance| gain * *radiance).collect()))
     };
     let targets = cameras().into_iter().zip(pictures).zip(gains).map(exposed).collect();
     let job = Job::new("textures", scene(), targets, settings).expect("a job");
@@ -119,15 +125,36 @@ fn job(settings: Settings, exposure: Exposure, gains: [DVec3; 2]) -> (Job, Engin
     (job, renderer, x)
 }
 
-/// Through the pictures, the means over triangles that light transport sees, and the gains that are projected out.
+/// Radiance of white.
+const WHITE: f64 = 2.0;
+
+/// What decoding by sRGB makes of exposure, of that of white, by a camera with an exponent of 1.8 and more contrast.
+fn contrasty(exposure: f64) -> f64 {
+    let number = exposure.clamp(0.0, 1.0).powf(1.0 / 1.8);
+    linear_from_srgb(number - 0.4 / TAU * (TAU * number).sin())
+}
+
+/// A picture of such a camera, clipped at white; whether its response is to be found.
+fn photo(target: Target, unknown: bool) -> Target {
+    let pixels = target.pixels.iter().map(|light| light.map(|light| WHITE * contrasty(light / WHITE)));
+    let response = unknown.then_some(UnknownResponse { white: WHITE, shared: 0 });
+    let photo = Target { pixels: pixels.collect(), response, ..target };
+    photo.exposed(Exposure::GAIN_AND_WHITE_BALANCE).clipped_from(0.99 * WHITE)
+}
+
+/// Through the pictures, the means over triangles that light transport sees, and the gains and responses that are projected out.
 #[test]
 fn derivatives_by_texels_are_those_of_central_differences() {
-    for exposure in [Exposure::default(), Exposure::GAIN_AND_WHITE_BALANCE] {
+    let cameras: [&dyn Fn(Target) -> Target; 3] =
+        [&|target| target, &|target| target.exposed(Exposure::GAIN_AND_WHITE_BALANCE), &|target| {
+            photo(target, true)
+        }];
+    for (camera, taken) in cameras.into_iter().enumerate() {
         let even = Regulariser::TotalVariation { weight: 0.1 };
         let settings =
             Settings::new(fits()).loss(LossKind::Huber).tolerance(Some(1e-7)).regularisers(vec![even]);
         let gains = [DVec3::new(1.3, 0.7, 1.0), DVec3::splat(0.5)];
-        let (job, mut renderer, x) = job(settings, exposure, gains);
+        let (job, mut renderer, x) = job(settings, gains, taken);
         let problem = job.problem();
         let here: Vec<f64> =
             x.iter().enumerate().map(|(k, x)| x * (1.0 + 0.2 * (0.7 * k as f64).cos())).collect();
@@ -143,9 +170,34 @@ fn derivatives_by_texels_are_those_of_central_differences() {
             let step = 1e-3;
             let difference = (at(step) - at(-step)) / (2.0 * step);
             let off = (gradient[k] - difference).abs();
-            assert!(off <= 2e-3 * largest, "{exposure:?}, unknown {k}: {}, not {difference}", gradient[k]);
+            assert!(off <= 2e-3 * largest, "camera {camera}, unknown {k}: {}, not {difference}", gradient[k]);
         }
     }
+}
+
+/// The outcome of a job, and the root mean square error of the floor's albedo.
+fn found(mut job: Job, mut renderer: EngineRenderer, truth: &[f64]) -> (Outcome, f64) {
+    let stop = StopRule::default().iterations(60).relative_decrease(1e-6);
+    let outcome = job
+        .run(&mut renderer, &RunOptions::default().stop(stop), &mut |_, _| ControlFlow::Continue(()))
+        .expect("an outcome");
+    let parameters = &job.problem().parameters;
+    let painting = &parameters.paintings()[0];
+    let mut off = 0.0;
+    for &t in painting.triangles() {
+        let [mut found, mut expected] = [DVec3::ZERO; 2];
+        for corner in DVec3::AXES.map(|corner| 0.6 * corner + DVec3::splat(0.4 / 3.0)) {
+            let albedo = |scene: &Scene| {
+                let factors = scene.patterns.at(t as usize, corner).expect("a pattern");
+                factors.value[0] * DVec3::from(scene.material(t as usize).albedo)
+            };
+            found += albedo(&outcome.scene) / 3.0;
+            expected += albedo(&parameters.scene(truth)) / 3.0;
+        }
+        off += (found - expected).length_squared() / 3.0;
+    }
+    let rms = (off / painting.triangles().len() as f64).sqrt();
+    (outcome, rms)
 }
 
 #[test]
@@ -155,35 +207,41 @@ fn textures_lamps_and_exposures_are_found() {
         [(Exposure::default(), [DVec3::ONE; 2]), (Exposure::GAIN_AND_WHITE_BALANCE, gains)]
     {
         let settings = Settings::new(fits()).loss(LossKind::Huber).tolerance(Some(1e-5));
-        let (mut job, mut renderer, truth) = job(settings, exposure, gains);
-        let stop = StopRule::default().iterations(60).relative_decrease(1e-6);
-        let outcome = job
-            .run(&mut renderer, &RunOptions::default().stop(stop), &mut |_, _| ControlFlow::Continue(()))
-            .expect("an outcome");
-        let parameters = &job.problem().parameters;
-        let painting = &parameters.paintings()[0];
-        let mut off = 0.0;
-        for &t in painting.triangles() {
-            let [mut found, mut expected] = [DVec3::ZERO; 2];
-            for corner in DVec3::AXES.map(|corner| 0.6 * corner + DVec3::splat(0.4 / 3.0)) {
-                let albedo = |scene: &Scene| {
-                    let factors = scene.patterns.at(t as usize, corner).expect("a pattern");
-                    factors.value[0] * DVec3::from(scene.material(t as usize).albedo)
-                };
-                found += albedo(&outcome.scene) / 3.0;
-                expected += albedo(&parameters.scene(&truth)) / 3.0;
-            }
-            off += (found - expected).length_squared() / 3.0;
-        }
-        let rms = (off / painting.triangles().len() as f64).sqrt();
+        let (job, renderer, truth) = job(settings, gains, &|target| target.exposed(exposure));
+        let (outcome, rms) = found(job, renderer, &truth);
         assert!(rms <= 0.02, "{exposure:?}: albedo {rms}");
         // Light and exposures share a factor for each channel.
         let emission = DVec3::from(outcome.scene.material(20).emission);
-        for (found, gain) in outcome.gains.iter().zip(gains) {
-            let product = *found * emission / (gain * 5.0);
+        for (found, gain) in outcome.sensors.iter().map(|sensor| sensor.gain).zip(gains) {
+            let product = found * emission / (gain * 5.0);
             assert!((product - 1.0).abs().max_element() <= 0.03, "{exposure:?}: {found} {emission}");
         }
     }
+}
+
+#[test]
+fn responses_of_cameras_are_found() {
+    let gains = [DVec3::new(3.0, 2.0, 2.5), DVec3::new(1.5, 1.6, 1.5)];
+    let fit = |unknown: bool| {
+        let settings = Settings::new(fits()).loss(LossKind::Huber).tolerance(Some(1e-5));
+        let (job, renderer, truth) = job(settings, gains, &|target| photo(target, unknown));
+        found(job, renderer, &truth)
+    };
+    let ((outcome, rms), (_, rms_as_srgb)) = (fit(true), fit(false));
+    assert!(rms <= 0.03, "albedo {rms}");
+    assert!(rms_as_srgb >= 3.0 * rms, "albedo {rms_as_srgb} as sRGB, {rms} otherwise");
+    let curve = outcome.sensors[0].curve.expect("a response");
+    assert_eq!(outcome.sensors[1].curve, Some(curve));
+    // Up to a factor of exposure.
+    let off = |factor: f64| {
+        let off = |k: u32| {
+            let exposure = 0.05 * f64::from(k);
+            srgb_from_linear(curve.value(factor * exposure)) - srgb_from_linear(contrasty(exposure))
+        };
+        (1..=16).map(off).fold(0.0, |most: f64, off| most.max(off.abs()))
+    };
+    let off = (50..200).map(|k| off(0.01 * f64::from(k))).fold(f64::INFINITY, f64::min);
+    assert!(off <= 0.02, "{curve:?} is {off} off");
 }
 
 /// A job of a scene with such settings, and its renderer.

@@ -1,6 +1,7 @@
 //! Runs a fit: steps, stopping rule, checkpoints.
 
 use super::checkpoint::{CheckpointError, Checkpoints, Identity};
+use super::exposure::Sensor;
 use super::lock::LockError;
 use super::loss::{Loss, LossKind, PictureLoss};
 use super::optimiser::{
@@ -297,21 +298,20 @@ pub struct Outcome {
     pub recovered: Vec<Recovered>,
     /// Final pictures per view, linear RGB, row by row from the top, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
-    /// Factors from radiance to the numbers of each target, per channel; 1 where exposures are known.
-    pub gains: Vec<DVec3>,
+    /// What makes the numbers of each target from radiance.
+    pub sensors: Vec<Sensor>,
     /// Final loss including regularisers.
     pub loss: f64,
     /// Final loss per view, before weights.
     pub views: Vec<f64>,
-    /// Final value per regulariser, with its weight.
+    /// Final value per regulariser, with its weight; at the end that of responses, if they were unknown.
     pub assumptions: Vec<f64>,
 }
 
 impl Outcome {
-    /// Final pictures per view in the unit of their targets: times the gains.
+    /// Final pictures per view in the numbers of their targets: by gains and responses.
     pub fn exposed(&self) -> Vec<Vec<DVec3>> {
-        let views = self.pictures.iter().zip(&self.gains);
-        views.map(|(picture, gain)| picture.iter().map(|radiance| gain * radiance).collect()).collect()
+        self.pictures.iter().zip(&self.sensors).map(|(picture, sensor)| sensor.numbers(picture)).collect()
     }
 }
 
@@ -362,8 +362,11 @@ impl Job {
         loss.epsilon = settings.epsilon.unwrap_or(loss.epsilon);
         loss.threshold = settings.threshold.unwrap_or(loss.threshold);
         let is_smooth = !matches!(settings.loss, LossKind::L1 | LossKind::LogL1);
-        if !is_smooth && targets.iter().any(|target| target.exposure.is_fitted()) {
-            return refuse("an exposure is fitted by a smooth loss; use huber, relative-l2 or l2");
+        let is_open = |target: &Target| target.exposure.is_fitted() || target.response.is_some();
+        if !is_smooth && targets.iter().any(is_open) {
+            return refuse(
+                "exposures and responses are fitted by a smooth loss; use huber, relative-l2 or l2",
+            );
         }
         let problem = Problem { parameters, targets, loss: Arc::new(loss), regularisers };
         let job = Self { name: name.into(), problem, settings, identity, cameras };
@@ -391,7 +394,9 @@ impl Job {
     }
 
     fn is_quadratic(&self) -> bool {
-        let is_plain = |target: &Target| target.clip.is_none() && !target.exposure.is_fitted();
+        let is_plain = |target: &Target| {
+            target.clip.is_none() && !target.exposure.is_fitted() && target.response.is_none()
+        };
         let quadratic = self.problem.loss.is_quadratic() && self.problem.targets.iter().all(is_plain);
         self.problem.parameters.is_linear() && quadratic
     }
@@ -569,7 +574,7 @@ impl Job {
             history: progress.history,
             scene: self.with_all_cameras(judged.scene)?,
             pictures: judged.pictures,
-            gains: judged.gains,
+            sensors: judged.sensors,
             loss: judged.value,
             views: judged.views,
             assumptions: judged.assumptions,
@@ -735,7 +740,7 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
                 &target.mask,
                 target.weight,
                 (target.clip, &target.bounds),
-                target.exposure,
+                (target.exposure, target.response),
             ),
         )?;
     }

@@ -165,13 +165,14 @@ impl JobFile {
     /// scene = "room.toml"
     ///
     /// [[target]]                     # one per view
-    /// picture = "photo.exr"          # or a PNG, JPEG, TIFF or HDR; integers are decoded from sRGB
+    /// picture = "photo.exr"          # or a PNG, JPEG, TIFF or HDR; integers are decoded, see response
     /// camera = "main"                # of the scene; or view = { position = [...], ... } as in a scene file
     /// mask = "mask.png"              # white counts, black does not
     /// weight = 1
     /// white = 1                      # radiance of white in integer formats, W/(m² sr)
     /// exposure = "known"             # or "fit", "fit-shared": a factor of each picture, or of all of this table
     /// white_balance = "known"        # the same of red and blue; photos of sets without `white` fit both unless either is stated
+    /// response = "srgb"              # of integer formats; or "linear", "gamma" (with gamma = 2.2), "fit": one curve for this table
     /// clipped = "ignore"             # pixels at the end of an integer format; or "use", "bound" (where exposures are fitted)
     /// layer = "ViewLayer.Combined"   # of an EXR with several
     ///

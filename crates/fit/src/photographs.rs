@@ -1,5 +1,6 @@
 //! Photographs of a set of cameras as targets.
 
+use super::response::Response;
 use super::target::{Target, open_mask, unreadable, weights};
 use super::target_table::{Treatment, averaged};
 use antirad_base::setters;
@@ -49,6 +50,13 @@ impl Photographs {
     pub fn new(set: CameraSet) -> Self {
         let treatment = Treatment::of_photographs();
         Self { set, images: None, suffix: None, mask: None, layer: None, shrink: 1, treatment }
+    }
+
+    /// Sets the response of the camera, which all pictures share; `None`: that of sRGB in integer formats, and linear in others.
+    #[must_use]
+    pub fn response(mut self, response: Option<Response>) -> Self {
+        self.treatment.response = response;
+        self
     }
 
     /// A target for each frame.
@@ -117,6 +125,7 @@ impl Photographs {
             stated.is_none_or(|stated| same_shape(stated, size))
         })
         .map_err(|error| named(unreadable(error).to_string()))?;
+        let photo = self.treatment.linear(photo).map_err(|error| of_file(error.to_string()))?;
         let size = [photo.width, photo.height];
         let lens = frame.intrinsics.lens(size).map_err(of_file)?;
         let camera = self.camera(frame, &lens, size).map_err(of_file)?;

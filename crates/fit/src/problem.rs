@@ -1,6 +1,6 @@
 //! The objective: loss and gradient as functions of the unknowns.
 
-use super::exposure::{self, Exposure};
+use super::exposure::{self, Exposure, Sensor};
 use super::loss::PictureLoss;
 use super::parameters::{Parameters, Shown};
 use super::regulariser::Regularisers;
@@ -9,6 +9,7 @@ use super::target::Target;
 use antirad_render::render::{Quantity, SceneGradient};
 use antirad_scene::Scene;
 use glam::DVec3;
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -33,7 +34,7 @@ pub struct Evaluation {
     pub gradient: Vec<f64>,
     /// Loss per view, before weights.
     pub views: Vec<f64>,
-    /// Value per regulariser, with its weight.
+    /// Value per regulariser, with its weight; at the end that of responses, if they are unknown.
     pub assumptions: Vec<f64>,
 }
 
@@ -44,18 +45,21 @@ pub struct Judged {
     pub scene: Scene,
     /// Pictures, per view, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
-    /// Factors from radiance to the numbers of each target, per channel.
-    pub gains: Vec<DVec3>,
+    /// What makes the numbers of each target from radiance.
+    pub sensors: Vec<Sensor>,
     /// Loss including regularisers.
     pub value: f64,
     /// Loss per view, before weights.
     pub views: Vec<f64>,
-    /// Value per regulariser, with its weight.
+    /// Value per regulariser, with its weight; at the end that of responses, if they are unknown.
     pub assumptions: Vec<f64>,
 }
 
-/// Pictures, or derivatives of pictures, per view.
-type Pictures = Vec<Vec<DVec3>>;
+/// Derivatives of a picture by an unknown, per channel; empty where it changes nothing.
+type Slope = [Vec<f32>; 3];
+
+/// The same per view.
+type Slopes = Vec<Slope>;
 
 /// Step of finite differences, in units of the unknowns' scale: balances truncation error against rounding in f32.
 const DIFFERENCE: f64 = 1e-3;
@@ -70,23 +74,25 @@ impl Problem {
         self.targets.iter().map(|t| t.weight / sum).collect()
     }
 
-    /// Gains of each view, see [`exposure`]; 1 where the loss is not smooth, which [`Job::new`](super::Job::new) refuses.
-    fn gains(&self, pictures: &[Vec<DVec3>]) -> Vec<DVec3> {
-        let gains = exposure::gains(&self.targets, pictures, &*self.loss);
-        gains.unwrap_or_else(|| vec![DVec3::ONE; pictures.len()])
+    /// Gains and responses of each view, see [`exposure`]; the usual ones where the loss is not smooth, which
+    /// [`Job::new`](super::Job::new) refuses.
+    fn sensors(&self, pictures: &[Vec<DVec3>]) -> Vec<Sensor> {
+        let sensors = exposure::sensors(&self.targets, pictures, &*self.loss);
+        sensors.unwrap_or_else(|| self.targets.iter().map(Sensor::usual).collect())
     }
 
-    /// Loss of the pictures per view and in total, and derivatives by pixels, with the gains of each view.
-    fn compare(&self, pictures: &[Vec<DVec3>], gains: &[DVec3]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
+    /// Loss of the pictures per view and in total, and derivatives by pixels, with the sensor of each view.
+    fn compare(&self, pictures: &[Vec<DVec3>], sensors: &[Sensor]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
         let mut views = Vec::with_capacity(pictures.len());
         let mut by_pixels = Vec::with_capacity(pictures.len());
         let mut sum = 0.0;
-        let exposed = exposed(pictures, gains);
+        let exposed = exposed(pictures, sensors);
         for (view, ((picture, target), weight)) in
             exposed.iter().zip(&self.targets).zip(self.weights()).enumerate()
         {
             let (value, mut gradient) = self.loss.evaluate(view, picture, target);
-            gradient.iter_mut().for_each(|g| *g *= weight * gains[view]);
+            let slopes = sensors[view].slopes(&pictures[view]);
+            gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g *= weight * slope);
             sum += weight * value;
             views.push(value);
             by_pixels.push(gradient);
@@ -113,7 +119,8 @@ impl Problem {
             }
             Err(error) => return Err(error),
         };
-        let (views, loss, by_pixels) = self.compare(&pictures, &self.gains(&pictures));
+        let sensors = self.sensors(&pictures);
+        let (views, loss, by_pixels) = self.compare(&pictures, &sensors);
         let request = self.parameters.gradient_request();
         let (mut by_scene, mut gradient) = match renderer.pull_back(&by_pixels, request)? {
             Some(by_scene) => (by_scene, vec![0.0; x.len()]),
@@ -122,8 +129,9 @@ impl Problem {
                 (SceneGradient::zeros(&scene, request), differences)
             }
         };
-        let assumptions =
+        let mut assumptions =
             self.regularisers.evaluate(&self.parameters, &scene, x, &mut by_scene, &mut gradient);
+        assumptions.extend(exposure::unlike_srgb(&self.targets, &sensors));
         let pulled = self.parameters.pull_back(x, &by_scene);
         gradient.iter_mut().zip(pulled).for_each(|(g, p)| *g += p);
         let value = loss + assumptions.iter().sum::<f64>();
@@ -137,12 +145,14 @@ impl Problem {
     pub fn judge(&self, x: &[f64], renderer: &mut dyn Renderer) -> Result<Judged, RenderError> {
         let scene = self.parameters.scene(x);
         let pictures = renderer.pictures(&scene)?;
-        let gains = self.gains(&pictures);
-        let (views, loss, _) = self.compare(&pictures, &gains);
+        let sensors = self.sensors(&pictures);
+        let (views, loss, _) = self.compare(&pictures, &sensors);
         let (mut nowhere, mut direct) = (SceneGradient::default(), vec![0.0; x.len()]);
-        let assumptions = self.regularisers.evaluate(&self.parameters, &scene, x, &mut nowhere, &mut direct);
+        let mut assumptions =
+            self.regularisers.evaluate(&self.parameters, &scene, x, &mut nowhere, &mut direct);
+        assumptions.extend(exposure::unlike_srgb(&self.targets, &sensors));
         let value = loss + assumptions.iter().sum::<f64>();
-        Ok(Judged { scene, pictures, gains, value, views, assumptions })
+        Ok(Judged { scene, pictures, sensors, value, views, assumptions })
     }
 
     /// The unknowns with all emission scaled by one factor per channel, that which explains pictures of known exposure best. Pictures are
@@ -158,9 +168,10 @@ impl Problem {
         }
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
         let shared = Exposure { gain: true, white_balance: true, shared: Some(0) };
-        let targets: Vec<Target> = self.targets.iter().map(|target| target.clone().exposed(shared)).collect();
-        let gains = exposure::gains(&targets, &pictures, &*self.loss);
-        let factor = gains.and_then(|gains| gains.first().copied());
+        let known = |target: &Target| Target { response: None, ..target.clone().exposed(shared) };
+        let targets: Vec<Target> = self.targets.iter().map(known).collect();
+        let sensors = exposure::sensors(&targets, &pictures, &*self.loss);
+        let factor = sensors.and_then(|sensors| Some(sensors.first()?.gain));
         if let Some(factor) = factor.filter(|factor| factor.is_finite() && factor.min_element() > 0.0) {
             let emission = self.parameters.unknowns_of(Quantity::Emission);
             for (k, unknown) in emission.into_iter().enumerate() {
@@ -257,13 +268,18 @@ impl Problem {
         renderer: &mut dyn Renderer,
     ) -> Result<Option<Vec<f64>>, RenderError> {
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
-        let gains = self.gains(&pictures);
-        let here = exposed(&pictures, &gains).into_owned();
+        let sensors = self.sensors(&pictures);
+        let here = exposed(&pictures, &sensors).into_owned();
         let Some(weights) = self.curvatures(&here) else { return Ok(None) };
-        let by_radiance = |(weights, gain): (&Vec<DVec3>, &DVec3)| {
-            weights.iter().map(|weight| *weight * *gain * *gain).collect()
+        let by_radiance = |((weights, sensor), picture): ((&Vec<DVec3>, &Sensor), &Vec<DVec3>)| {
+            weights
+                .iter()
+                .zip(sensor.slopes(picture))
+                .map(|(weight, slope)| *weight * slope * slope)
+                .collect()
         };
-        let by_radiance: Vec<Vec<DVec3>> = weights.iter().zip(&gains).map(by_radiance).collect();
+        let by_radiance: Vec<Vec<DVec3>> =
+            weights.iter().zip(&sensors).zip(&pictures).map(by_radiance).collect();
         let squares =
             renderer.own_squares(&by_radiance).and_then(|squares| self.parameters.own_squares(&squares));
         let Some(mut squares) = squares else { return Ok(None) };
@@ -271,7 +287,7 @@ impl Problem {
         for column in columns {
             let Some(slopes) = self.slopes(x, &column, &here, renderer)? else { return Ok(None) };
             for (unknown, slopes) in slopes {
-                squares[unknown] = product(&weighted(&slopes, &weights), &slopes);
+                squares[unknown] = weighted_product(&slopes, &slopes, &weights);
             }
         }
         Ok(Some(squares))
@@ -308,19 +324,21 @@ impl Problem {
         let steps = self.steps_into_room(x);
         let per_unknown = |change: f64, i: usize| if steps[i] == 0.0 { 0.0 } else { change / steps[i] };
         let pictures = renderer.pictures(&self.parameters.scene(x))?;
-        let here = exposed(&pictures, &self.gains(&pictures)).into_owned();
+        let here = exposed(&pictures, &self.sensors(&pictures)).into_owned();
         let Some(weights) = self.curvatures(&here) else { return Ok(None) };
-        let mut columns: Vec<Vec<Vec<DVec3>>> = vec![Vec::new(); n];
+        let mut columns: Vec<Slopes> = vec![Slopes::new(); n];
         for column in self.parameters.columns() {
             let Some(slopes) = self.slopes(x, &column, &here, renderer)? else { return Ok(None) };
             slopes.into_iter().for_each(|(unknown, slopes)| columns[unknown] = slopes);
         }
+        let row = |i: usize| -> Vec<f64> {
+            (0..=i).map(|j| weighted_product(&columns[i], &columns[j], &weights)).collect()
+        };
+        let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(row).collect();
         let mut hessian = vec![0.0; n * n];
-        for i in 0..n {
-            let weighted = weighted(&columns[i], &weights);
-            for j in 0..=i {
-                let entry = product(&weighted, &columns[j]);
-                (hessian[i * n + j], hessian[j * n + i]) = (entry, entry);
+        for (i, row) in rows.iter().enumerate() {
+            for (j, entry) in row.iter().enumerate() {
+                (hessian[i * n + j], hessian[j * n + i]) = (*entry, *entry);
             }
         }
         let gradient = |x: &[f64]| self.gradient_of_regularisers(&self.parameters.scene(x), x);
@@ -348,15 +366,14 @@ impl Problem {
         self.parameters.steps(COLUMN_STEP).into_iter().enumerate().map(into_room).collect()
     }
 
-    /// Derivatives of the exposed pictures by the unknowns of a column, by forward differences from the exposed pictures `here`; empty for views that an
-    /// unknown does not change. `None` if there are no pictures at the end of the step.
+    /// Derivatives of the exposed pictures by the unknowns of a column, by forward differences from the exposed pictures `here`. `None` if there are no pictures at the end of the step.
     fn slopes(
         &self,
         x: &[f64],
         column: &[Shown],
         here: &[Vec<DVec3>],
         renderer: &mut dyn Renderer,
-    ) -> Result<Option<Vec<(usize, Pictures)>>, RenderError> {
+    ) -> Result<Option<Vec<(usize, Slopes)>>, RenderError> {
         let steps = self.steps_into_room(x);
         let mut moved = x.to_vec();
         column.iter().for_each(|shown| moved[shown.unknown] += steps[shown.unknown]);
@@ -364,38 +381,40 @@ impl Problem {
             Err(RenderError::NoAnswer(_)) => return Ok(None),
             pictures => pictures?,
         };
-        // Gains are found again, whose part in the derivatives is thereby projected out.
-        let there = exposed(&there, &self.gains(&there)).into_owned();
+        // Gains and responses are found again, whose part in the derivatives is thereby projected out.
+        let there = exposed(&there, &self.sensors(&there)).into_owned();
         let slopes = |shown: &Shown| {
             let step = steps[shown.unknown];
-            let only = shown.channel.map_or(DVec3::ONE, |c| DVec3::AXES[c]);
-            let only = if step == 0.0 { DVec3::ZERO } else { only / step };
-            let slope = |(a, b): (&DVec3, &DVec3)| only * (b - a);
-            let of_view = |(view, (a, b)): (usize, (&Vec<DVec3>, &Vec<DVec3>))| match shown.changes(view) {
-                true => a.iter().zip(b).map(slope).collect(),
-                false => Vec::new(),
+            let of_channel = |view: usize, c: usize| {
+                let changes = shown.changes(view) && shown.channel.is_none_or(|only| only == c);
+                let pixels = here[view].iter().zip(&there[view]).filter(|_| changes && step != 0.0);
+                pixels.map(|(a, b)| ((b[c] - a[c]) / step) as f32).collect()
             };
-            (shown.unknown, here.iter().zip(&there).enumerate().map(of_view).collect())
+            let of_view = |view: usize| [0, 1, 2].map(|c| of_channel(view, c));
+            (shown.unknown, (0..here.len()).map(of_view).collect())
         };
         Ok(Some(column.iter().map(slopes).collect()))
     }
 }
 
-fn weighted(slopes: &[Vec<DVec3>], weights: &[Vec<DVec3>]) -> Pictures {
-    let of_view = |(slopes, weights): (&Vec<DVec3>, &Vec<DVec3>)| {
-        slopes.iter().zip(weights).map(|(slope, weight)| slope * weight).collect()
+/// The sum over pixels of the product of two derivatives and a weight.
+fn weighted_product(a: &Slopes, b: &Slopes, weights: &[Vec<DVec3>]) -> f64 {
+    let channel = |a: &[f32], b: &[f32], weights: &[DVec3], c: usize| {
+        let product = |((a, b), weight): ((&f32, &f32), &DVec3)| f64::from(*a) * f64::from(*b) * weight[c];
+        a.iter().zip(b).zip(weights).map(product).sum::<f64>()
     };
-    slopes.iter().zip(weights).map(of_view).collect()
+    let view = |((a, b), weights): ((&Slope, &Slope), &Vec<DVec3>)| {
+        (0..3).map(|c| channel(&a[c], &b[c], weights, c)).sum::<f64>()
+    };
+    a.iter().zip(b).zip(weights).map(view).sum()
 }
 
-/// Pictures in the unit of their targets.
-fn exposed<'a>(pictures: &'a [Vec<DVec3>], gains: &[DVec3]) -> Cow<'a, [Vec<DVec3>]> {
-    if gains.iter().all(|gain| *gain == DVec3::ONE) {
+/// Pictures in the numbers of their targets.
+fn exposed<'a>(pictures: &'a [Vec<DVec3>], sensors: &[Sensor]) -> Cow<'a, [Vec<DVec3>]> {
+    if sensors.iter().all(Sensor::is_identity) {
         return Cow::Borrowed(pictures);
     }
-    let view =
-        |(picture, gain): (&Vec<DVec3>, &DVec3)| picture.iter().map(|radiance| gain * radiance).collect();
-    Cow::Owned(pictures.iter().zip(gains).map(view).collect())
+    Cow::Owned(pictures.par_iter().zip(sensors).map(|(picture, sensor)| sensor.numbers(picture)).collect())
 }
 
 fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {

@@ -1,5 +1,6 @@
 //! Output files of a fit.
 
+use super::exposure::curves;
 use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::CostEstimate;
 use super::settings::StopRule;
@@ -25,6 +26,8 @@ const GLTF: &str = "scene.glb";
 const GIVEN: &str = "given.npy";
 /// Factors of its lamps.
 const LAMPS: &str = "relight.toml";
+/// Steps of a table of a response.
+const STEPS: u32 = 16;
 /// Written last: if it exists, so do all others.
 pub const REPORT: &str = "report.json";
 
@@ -196,19 +199,19 @@ fn report(
     let passes: u64 = outcome.history.iter().map(|r| r.passes).sum();
     let each = |total: f64| total / f64::from(iterations.max(1));
     let exposed = outcome.exposed();
-    let found = outcome.views.iter().zip(&exposed).zip(&outcome.gains);
+    let found = outcome.views.iter().zip(&exposed).zip(&outcome.sensors);
     let views: Vec<View> = problem
         .targets
         .iter()
         .zip(names)
         .zip(found)
-        .map(|((target, name), ((&loss, fitted), gain))| View {
+        .map(|((target, name), ((&loss, fitted), sensor))| View {
             name,
             camera: &target.camera.name,
             loss,
             weight: target.weight,
             picture_error: picture_error(from_ref(target), from_ref(fitted)),
-            gain: target.exposure.is_fitted().then(|| gain.to_array()),
+            gain: target.exposure.is_fitted().then(|| sensor.gain.to_array()),
         })
         .collect();
     let terms = settings.regularisers.iter().zip(&outcome.assumptions);
@@ -220,6 +223,15 @@ fn report(
         assumptions.push(json!({ "assumed": "radiance and exposures share a factor per channel that photos of unknown exposure leave \
             open; where no light is known, it is that from which the fit starts" }));
     }
+    let curves = curves(&problem.targets, &outcome.sensors);
+    if let Some(value) = outcome.assumptions.get(settings.regularisers.len()) {
+        assumptions.push(json!({ "assumed": "responses of cameras are like sRGB where photos leave them open", "part_of_loss": value }));
+    }
+    let responses = curves.iter().map(|(curve, views)| {
+        let views: Vec<&str> = views.iter().map(|&view| names[view].as_str()).collect();
+        // Numbers of the picture against those that sRGB would have, both of 1.
+        json!({ "views": views, "logarithms": curve.logarithms, "curve": curve.table(STEPS) })
+    });
     json!({
         "job": job.name,
         "version": env!("CARGO_PKG_VERSION"),
@@ -237,6 +249,7 @@ fn report(
         "picture_error": picture_error(&problem.targets, &exposed),
         "views": views,
         "textures": textures.iter().map(|file| json!({ "name": file.trim_end_matches(".png"), "file": file })).collect::<Vec<_>>(),
+        "responses": responses.collect::<Vec<_>>(),
         "assumptions": assumptions,
         "at_bound": outcome.recovered.iter().filter(|r| r.at_bound.contains(&true)).count(),
         "evaluations": evaluations,

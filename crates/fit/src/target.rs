@@ -1,6 +1,7 @@
 //! Target of a view: a picture, its camera, and which of its pixels count.
 
 use super::exposure::Exposure;
+use super::response::UnknownResponse;
 use antirad_render::image::{ImageError, Photo, PhotoMask};
 use antirad_scene::Camera;
 use glam::DVec3;
@@ -62,6 +63,11 @@ pub enum TargetError {
     /// No pixel is left to compare.
     #[error("no pixel is left to compare with: the mask is 0 everywhere, or the picture all clipped")]
     Nothing,
+    /// A response other than a linear one is stated for a picture of floats.
+    #[error(
+        "the picture has floats, which are linear radiance; `response` is for PNG, JPEG and TIFF of integers: remove it"
+    )]
+    Response,
     /// A weight, given here, is not finite or not above 0.
     #[error("the weight is {0}; it must be finite and above 0")]
     Weight(f64),
@@ -94,6 +100,8 @@ pub struct Target {
     pub bounds: Option<Vec<bool>>,
     /// What of the relation between radiance and the picture's numbers is unknown.
     pub exposure: Exposure,
+    /// The response of the camera, if it is unknown.
+    pub response: Option<UnknownResponse>,
     /// How bright the camera's settings make the picture, up to a factor that pictures of one camera share: exposure time in seconds times
     /// ISO over the square of the f-number, where the file of a photograph has them.
     pub exposure_guess: Option<f64>,
@@ -136,8 +144,8 @@ impl Target {
             return Err(TargetError::Weight(weight));
         }
         let exposure = Exposure::default();
-        let (clip, bounds, exposure_guess) = (None, None, None);
-        let target = Self { camera, pixels, mask, weight, clip, bounds, exposure, exposure_guess };
+        let (clip, bounds, response, exposure_guess) = (None, None, None, None);
+        let target = Self { camera, pixels, mask, weight, clip, bounds, exposure, response, exposure_guess };
         if target.mask_sum() == 0.0 {
             return Err(TargetError::Nothing);
         }
@@ -157,6 +165,11 @@ impl Target {
     /// This target with an exposure to be fitted.
     pub fn exposed(self, exposure: Exposure) -> Self {
         Self { exposure, ..self }
+    }
+
+    /// This target with a response to be fitted.
+    pub fn responding(self, response: UnknownResponse) -> Self {
+        Self { response: Some(response), ..self }
     }
 
     /// Whether a channel of a pixel, of this value, is only a lower bound.
@@ -207,6 +220,7 @@ impl Target {
             weight: self.weight,
             clip: self.clip,
             exposure: self.exposure,
+            response: self.response,
             exposure_guess: self.exposure_guess,
         }
     }

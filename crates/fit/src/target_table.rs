@@ -4,6 +4,7 @@ use super::exposure::Exposure;
 use super::job::FitError;
 use super::job_file::positive;
 use super::photographs::{Photographs, USUAL_PIXELS};
+use super::response::{Response, UnknownResponse};
 use super::selection::unknown;
 use super::target::{Target, TargetError, open_mask, radiance, unreadable, weights, wrong_size};
 use antirad_render::image::{Photo, PhotoMask};
@@ -33,6 +34,8 @@ pub(super) struct TargetTable {
     clipped: Option<Clipped>,
     exposure: Option<Spanned<Unknown>>,
     white_balance: Option<Spanned<Unknown>>,
+    response: Option<Spanned<Curve>>,
+    gamma: Option<Spanned<f64>>,
 }
 
 impl TargetTable {
@@ -63,6 +66,16 @@ enum Unknown {
     FitShared,
 }
 
+/// What a response is by.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+enum Curve {
+    Srgb,
+    Linear,
+    Gamma,
+    Fit,
+}
+
 /// What all pictures of a table have in common.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Treatment {
@@ -74,7 +87,14 @@ pub(super) struct Treatment {
     pub weight: f64,
     /// What of exposures is unknown in pictures that end at white, and in others.
     pub exposures: [Exposure; 2],
+    /// Of cameras, as stated; sRGB in pictures that end at white, and linear in others.
+    pub response: Option<Response>,
+    /// Tells tables apart: their pictures share a response that is to be found.
+    pub table: u32,
 }
+
+/// Exponent of `response = "gamma"` unless it is stated.
+const GAMMA: f64 = 2.2;
 
 /// Above this part of white, values of a channel are lower bounds: JPEG rounds.
 const CLIP: f64 = 0.99;
@@ -83,10 +103,22 @@ impl Treatment {
     /// That of photographs of which nothing is stated: phones choose exposure and white balance for each.
     pub fn of_photographs() -> Self {
         let exposures = [Exposure::GAIN_AND_WHITE_BALANCE, Exposure::default()];
-        Self { white: 1.0, clipped: None, weight: 1.0, exposures }
+        Self { white: 1.0, clipped: None, weight: 1.0, exposures, response: None, table: 0 }
     }
 
-    /// A target from a picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored.
+    /// A photo in linear light, by the response stated.
+    pub fn linear(&self, photo: Photo) -> Result<Photo, TargetError> {
+        match self.response {
+            None | Some(Response::Srgb | Response::Fit) if photo.ends_at_white => Ok(photo),
+            None | Some(Response::Linear) if !photo.ends_at_white => Ok(photo),
+            Some(response) if photo.ends_at_white => {
+                Ok(photo.decoded_again(|decoded| response.light_of(decoded)))
+            }
+            _ => Err(TargetError::Response),
+        }
+    }
+
+    /// A target from a linear picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored.
     pub fn target(
         &self,
         photo: &Photo,
@@ -112,6 +144,8 @@ impl Treatment {
         target.clip = clip;
         target.bounds = clip.and(Some(&photo.clipped)).filter(|clipped| clipped.contains(&true)).cloned();
         target.exposure_guess = photo.exposure;
+        let unknown = UnknownResponse { white: self.white, shared: self.table };
+        target.response = (self.response == Some(Response::Fit)).then_some(unknown);
         Ok((target, ignored))
     }
 }
@@ -134,7 +168,8 @@ pub(super) fn read_targets(
     };
     let exposures = exposures(file, table, place.line)?;
     let (clipped, weight) = (table.clipped, table.weight.unwrap_or(1.0));
-    let treatment = Treatment { white, clipped, weight, exposures };
+    let response = response(file, table)?;
+    let treatment = Treatment { white, clipped, weight, exposures, response, table: place.line as u32 };
     match (&table.cameras, &table.picture) {
         (Some(cameras), None) => read_set(file, table, cameras, &treatment, warnings),
         (None, Some(picture)) => {
@@ -148,6 +183,25 @@ pub(super) fn read_targets(
             .error("which picture? Add `picture = \"FILE\"`, or `cameras = \"transforms.json\"` for a set of photographs")
             .into()),
     }
+}
+
+/// The response stated.
+fn response(file: &TomlFile, table: &TargetTable) -> Result<Option<Response>, SceneError> {
+    let curve = table.response.as_ref().map(|curve| *curve.get_ref());
+    if let Some(gamma) = &table.gamma {
+        positive("gamma", Some(*gamma.get_ref()), file.place(gamma.span()))?;
+        if curve != Some(Curve::Gamma) {
+            return Err(file
+                .place(gamma.span())
+                .error("`gamma` is for response = \"gamma\"; add that, or remove it"));
+        }
+    }
+    Ok(curve.map(|curve| match curve {
+        Curve::Srgb => Response::Srgb,
+        Curve::Linear => Response::Linear,
+        Curve::Gamma => Response::Gamma(table.gamma.as_ref().map_or(GAMMA, |gamma| *gamma.get_ref())),
+        Curve::Fit => Response::Fit,
+    }))
 }
 
 /// What is unknown of pictures that end at white, and of others: what is stated, and unless anything is, exposure and white balance of
@@ -204,6 +258,7 @@ fn read_picture(
     let path = file.beside(picture.get_ref());
     let of_picture = |error: TargetError| blame.error(error.of(&path));
     let photo = Photo::read(&path, table.layer.as_deref()).map_err(|error| of_picture(unreadable(error)))?;
+    let photo = treatment.linear(photo).map_err(of_picture)?;
     let mask = match &table.mask {
         Some(mask) => {
             let path = file.beside(mask.get_ref());

@@ -29,10 +29,16 @@ impl Points {
     pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> LampLight<'_> {
         let compute = || direct.at_points(facets, self.face, &self.at);
         match &self.light {
-            Some(held) => Cow::Borrowed(held.get_or_init(compute)),
+            Some(held) => Cow::Borrowed(held.get_or_init(|| without_room(compute()))),
             None => Cow::Owned(compute()),
         }
     }
+}
+
+/// Light that takes no more memory than it needs.
+fn without_room(mut light: Vec<PointLight>) -> Vec<PointLight> {
+    light.iter_mut().for_each(PointLight::shrink_to_fit);
+    light
 }
 
 /// The light of lamps at the points of several runs, asked for at once unless held; that of faces that are not `lit` is empty.
@@ -53,7 +59,9 @@ pub fn light_of<'a>(
     let of = |&run: &&'a Points| match (held(run), &run.light) {
         (Some(light), _) => Cow::Borrowed(&light[..]),
         _ if !lit(run.face) => Cow::Borrowed(&[][..]),
-        (_, Some(room)) => Cow::Borrowed(&room.get_or_init(|| found.next().unwrap_or_default())[..]),
+        (_, Some(room)) => {
+            Cow::Borrowed(&room.get_or_init(|| without_room(found.next().unwrap_or_default()))[..])
+        }
         (_, None) => Cow::Owned(found.next().unwrap_or_default()),
     };
     Ok(runs.iter().map(of).collect())
@@ -152,7 +160,8 @@ pub struct Kept(Arc<Mutex<Option<Known>>>);
 /// Sights, and what pixels show, which they are made of.
 #[derive(Debug)]
 struct Known {
-    shown: Vec<FaceInPixel>,
+    /// `None`: what is seen.
+    shown: Option<Vec<FaceInPixel>>,
     patterns: Arc<Patterns>,
     sights: Arc<Sights>,
 }
@@ -170,7 +179,8 @@ impl Kept {
         compute: impl FnOnce(&[FaceInPixel]) -> Result<Sights, E>,
     ) -> Result<Arc<Sights>, E> {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = kept.as_mut().filter(|known| known.shown == shown) {
+        let is_of = |known: &&mut Known| *known.shown.as_ref().unwrap_or(&known.sights.seen) == shown;
+        if let Some(known) = kept.as_mut().filter(is_of) {
             if !Arc::ptr_eq(&known.patterns, patterns) {
                 known.sights = Arc::new(known.sights.with_patterns(sight));
                 known.patterns = patterns.clone();
@@ -179,6 +189,7 @@ impl Kept {
         }
         let sights = Arc::new(compute(&shown)?);
         let patterns = patterns.clone();
+        let shown = (sights.seen != shown).then_some(shown);
         *kept = sights.held.then(|| Known { shown, patterns, sights: sights.clone() });
         Ok(sights)
     }

@@ -28,6 +28,8 @@ const LAMPS: usize = 6;
 const VALUES: usize = 6;
 /// A curve, pixels.
 const CURVE: (f64, f64) = (160.0, 48.0);
+/// Side of the plot of a response, pixels.
+const RESPONSE: f64 = 96.0;
 
 /// The page of a folder, written again and again while jobs end.
 pub struct Page {
@@ -46,6 +48,15 @@ struct Details {
     more_values: usize,
     views: Vec<Thumbnail>,
     textures: Vec<Thumbnail>,
+    responses: Vec<Response>,
+}
+
+/// The response of a camera that was found.
+#[derive(Clone)]
+struct Response {
+    caption: String,
+    /// Numbers in the picture against those that sRGB would have there, of 1.
+    curve: Vec<[f64; 2]>,
 }
 
 /// A small picture within the page, which leads to the file.
@@ -121,6 +132,34 @@ impl Details {
             lamps,
             views: list("views").iter().take(VIEWS).filter_map(view).collect(),
             textures: list("textures").iter().take(TEXTURES).filter_map(texture).collect(),
+            responses: list("responses").iter().filter_map(Response::of).collect(),
+        }
+    }
+}
+
+impl Response {
+    fn of(found: &Value) -> Option<Self> {
+        let views = found["views"].as_array()?;
+        let number = |at: &Value| at.as_f64();
+        let point = |point: &Value| Some([number(&point[0])?, number(&point[1])?]);
+        let curve = found["curve"].as_array()?.iter().map(point).collect::<Option<_>>()?;
+        let first = views.first()?.as_str()?;
+        let more = views.len() - 1;
+        let of = if more > 0 { format!("{first} and {more} more") } else { first.to_owned() };
+        Some(Self { caption: format!("response of the camera of {of}"), curve })
+    }
+
+    /// The curve over that of sRGB, which is a diagonal.
+    fn drawn(&self) -> Markup {
+        let place = |[x, y]: &[f64; 2]| format!("{:.1},{:.1}", RESPONSE * x, RESPONSE * (1.0 - y));
+        let path: Vec<String> = self.curve.iter().map(place).collect();
+        html! {
+            svg viewBox=(format!("0 0 {RESPONSE} {RESPONSE}")) width=(RESPONSE) height=(RESPONSE) role="img" {
+                title { (self.caption) ": numbers in the picture over those of sRGB" }
+                polyline.usual points=(format!("0,{RESPONSE} {RESPONSE},0")) {}
+                polyline points=(path.join(" ")) {}
+            }
+            (self.caption)
         }
     }
 }
@@ -259,6 +298,7 @@ fn row(folder: &Path, status: &Status, details: &Details) -> Markup {
                 }
             }
             td.pictures {
+                @for response in &details.responses { (response.drawn()) }
                 @for (pictures, what) in [(&details.views, "target, fitted picture and error"), (&details.textures, "texture")] {
                     @for Thumbnail { file, caption, data, width, height } in pictures {
                         a href=(link(file)) {
@@ -356,6 +396,7 @@ mod tests {
             serde_json::json!([found("dim", 1.0), albedo, found("off", 0.0), found("bright", 9.0)]);
         let report = serde_json::json!({
             "views": [{ "name": "a", "gain": [1.5, 1.0, 0.5] }, { "name": "b" }],
+            "responses": [{ "views": ["<a>", "b"], "curve": [[0.0, 0.0], [0.5, 0.25], [1.0, 1.0]] }, { "views": [] }],
             "textures": [{ "name": "<wall>", "file": "texture 1.png" }, { "name": "lost", "file": "lost.png" }],
         });
         for (name, json) in [("parameters.json", &parameters), (results::REPORT, &report)] {
@@ -373,6 +414,11 @@ mod tests {
         assert_eq!(details.textures.iter().map(|t| (t.width, t.height)).collect::<Vec<_>>(), [(120, 40)]);
         let text = row(Path::new("out/j"), &Status::new("j", State::Finished), &details).into_string();
         assert!(text.contains("j/texture%201.png") && text.contains("&lt;wall&gt;: texture"), "{text}");
+        assert_eq!(details.responses.len(), 1);
+        assert!(
+            text.contains("0.0,96.0 48.0,72.0 96.0,0.0") && text.contains("&lt;a&gt; and 1 more"),
+            "{text}"
+        );
     }
 
     #[test]

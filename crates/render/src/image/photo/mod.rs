@@ -14,6 +14,7 @@ use std::path::Path;
 
 use ::image::ImageFormat;
 use ::image::metadata::Orientation;
+use rayon::prelude::*;
 
 use super::ImageError;
 use super::picture::MAX_PIXELS;
@@ -98,6 +99,16 @@ impl Photo {
             ((Kind::Other(format), file), None) => codecs::read(file, format),
         };
         read().map_err(|reason| ImageError::Photo { path: path.to_path_buf(), reason })
+    }
+
+    /// The picture with another value for each one that sRGB gave, where its format ends at white: that of another response.
+    #[must_use]
+    pub fn decoded_again(mut self, decode: impl Fn(f64) -> f64 + Sync) -> Self {
+        if self.ends_at_white {
+            let values = self.pixels.par_iter_mut().flatten_iter();
+            values.for_each(|value| *value = decode(f64::from(*value)) as f32);
+        }
+        self
     }
 
     fn turn(&mut self, turned: Orientation) {
