@@ -12,6 +12,7 @@ use antirad_core::direct::{DirectLight, Lamp, Visibility, lamps};
 use antirad_core::model::Facet;
 use glam::{DAffine3, DVec3};
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 use support::kit::Shadow;
 use support::{areas, load, read_npy, relative_l2};
 
