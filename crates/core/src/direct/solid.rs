@@ -182,6 +182,7 @@ mod tests {
     use antirad_base::ranks::Ranks;
     use antirad_scene::{Material, Scene, SceneBuilder, Shape};
     use glam::DAffine3;
+    use std::sync::Arc;
 
     /// A ball over a floor, and a screen that hides some of it from some of the floor.
     fn scene(level: u32, screen: bool) -> Scene {
