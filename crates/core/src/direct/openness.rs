@@ -21,8 +21,8 @@ const CUTS: u32 = 2;
 const PARTS: usize = 1 << (2 * CUTS);
 /// What is closer than this many sizes of the triangle covers it.
 const CLOSE: f64 = 0.5;
-/// Rays of a part: a few, and more, twice, where these find that some parts are covered.
-const FEW: u32 = 4;
+/// Rays of a part: a few for all; more where these meet something close by, and still more, twice, where some parts are covered.
+const FEW: [u32; 2] = [2, 4];
 const MORE: u32 = 8;
 /// Openness of parts that are wholly covered: these have to count where all are.
 const LEAST: f64 = 0.02;
@@ -103,12 +103,18 @@ impl Parts {
 
 fn looked(facets: &[Facet], rays: &Rays, triangle: usize, emits: bool) -> (Option<Parts>, Lost) {
     let look = |count: u32, seed: usize| Met::new(facets, rays, triangle, (count, seed));
-    let few = look(FEW, 0);
+    let [few, some] = FEW;
+    let few = look(few, 0);
     let even = (None, few.lost(&[1.0; PARTS]));
-    if emits || share(&few.open, &few.open) >= EVEN {
+    // No parts are less even than those of which as many are wholly open, and the others covered.
+    if emits || mean(&few.open) >= EVEN {
         return even;
     }
-    let [first, second] = [1, 2].map(|seed| look(MORE, seed));
+    let some = look(some, 1).open;
+    if share(&some, &some) >= EVEN {
+        return even;
+    }
+    let [first, second] = [2, 3].map(|seed| look(MORE, seed));
     let share = share(&first.open, &second.open);
     if share >= EVEN {
         return even;
@@ -198,16 +204,12 @@ mod tests {
         }
     }
 
-    /// Half a floor under a board: the other half counts, and all of it where it emits.
+    /// A third of a floor under a board: the rest counts, and all of it where it emits.
     #[test]
     fn covered_parts_count_little() {
-        let [a, b, c] = [DVec3::ZERO, DVec3::Y, DVec3::X].map(|p| 2.0 * p);
-        let floor = Facet::new([a, c, b]);
-        // Above the corner a, facing down.
-        let raised = |p: DVec3| p + DVec3::new(0.0, 0.0, 0.01);
-        let board = Facet::new([-DVec3::ONE, DVec3::new(-1.0, 3.0, -1.0), DVec3::new(1.0, -1.0, -1.0)])
-            .corners
-            .map(|p| raised(DVec3::new(p.x, p.y, 0.0)));
+        let floor = Facet::new([DVec3::ZERO, 2.0 * DVec3::X, 2.0 * DVec3::Y]);
+        // Above its first corner, facing down.
+        let board = [[-1.0, -1.0], [-1.0, 2.2], [2.2, -1.0]].map(|[x, y]| DVec3::new(x, y, 0.01));
         let facets = [floor, Facet::new(board)];
         let rays = rays_among(&facets);
         let openness = Openness::new(&facets, &rays, |_| false);
