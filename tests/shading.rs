@@ -385,7 +385,8 @@ fn derivatives_are_those_of_central_differences(scene: &Scene) {
             let shift = |scene: &mut Scene, by: f64| {
                 moved.iter().for_each(|&v| scene.vertices[v as usize][axis] += by);
             };
-            check(&format!("{} along {axis}", mesh.name), found[axis], difference(&shift, 1e-4), 1e-3);
+            // A longer step takes a shadow's edge over a point.
+            check(&format!("{} along {axis}", mesh.name), found[axis], difference(&shift, 1e-5), 1e-3);
         }
     }
     // The same faces in each pixel.

@@ -2,7 +2,7 @@
 
 use crate::scenes::{coarse, of, watch};
 use crate::support::{backend, finish};
-use antirad::backend::{Backend, BackendKind};
+use antirad::backend::Backend;
 use antirad::fit::{
     EngineRenderer, Fit, Job, OnCheckpoint, Renderer, RunOptions, Settings, StopRule, Target,
 };
@@ -70,7 +70,7 @@ fn job(backend: &Backend, scene: &Scene, supersample: u32, times: f64) -> Job {
     ];
     let poses = Fit::new(Quantity::Camera).cameras(Some(vec!["one".to_owned(), "other".to_owned()]));
     let settings = Settings::new(vec![of(Quantity::Albedo, &["box"], 0.4), poses]).supersample(supersample);
-    Job::new("test", scene.clone(), targets(backend, scene, &given, supersample.min(8)), settings)
+    Job::new("test", scene.clone(), targets(backend, scene, &given, supersample.min(16)), settings)
         .expect("a job")
 }
 
@@ -87,11 +87,8 @@ fn cameras_are_found_beside_materials() {
     let outcome = outcome.expect("an outcome");
     let found = |name: &str| outcome.scene.camera(name).expect("a camera");
     // The loss hardly changes along a move with a turn that hides it, less than by the samples of edges: where in this valley no lower loss is
-    // found depends on rounding.
-    let metres = match backend.kind() {
-        BackendKind::Cpu => 1e-3,
-        BackendKind::Vulkan => 4e-3,
-    };
+    // found depends on samples and rounding: that of pictures with a quarter of the samples, by up to 9 mm.
+    let metres = 4e-3;
     for camera in &scene.cameras[..2] {
         let (way, angle) = apart(found(&camera.name), camera);
         println!("{}: {:.2} mm, {angle:.4} degrees", camera.name, 1e3 * way);

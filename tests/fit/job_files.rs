@@ -112,7 +112,8 @@ fn the_documented_keys_are_the_keys() {
         .collect();
     let text = text.replace("room.toml", "s.toml").replace("photo.exr", "p.exr").replace("green", "gloss");
     let text = text.replace("\"walls\"", "\"room\", \"box\", \"table\"").replace("mask = \"mask.png\"", "");
-    let text = text.replace("layer = ", "# ");
+    // Of integers alone, and of files of several layers.
+    let text = text.replace("response = ", "# ").replace("layer = ", "# ");
     let frame =
         "{\"file_path\": \"r_0.jpg\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}";
     let set = format!("{{\"camera_angle_x\": 1, \"frames\": [{frame}]}}");
