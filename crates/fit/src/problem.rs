@@ -366,7 +366,8 @@ impl Problem {
         self.parameters.steps(COLUMN_STEP).into_iter().enumerate().map(into_room).collect()
     }
 
-    /// Derivatives of the exposed pictures by the unknowns of a column, by forward differences from the exposed pictures `here`. `None` if there are no pictures at the end of the step.
+    /// Derivatives of the exposed pictures by the unknowns of a column, by forward differences from the exposed pictures `here`. `None` if
+    /// there are no pictures at the end of the step.
     fn slopes(
         &self,
         x: &[f64],

@@ -259,17 +259,17 @@ pub fn mixed(seed: u64) -> u64 {
 /// gives the same ones.
 pub fn from_front(facet: &Facet, seed: u64, count: u32) -> impl Iterator<Item = (DVec3, DVec3)> {
     let basis = orthonormal_basis(facet.normal);
-    let corners = facet.corners;
+    let whole = Origin::Triangle(facet.corners, None);
     let shifts = [0, 1].map(|k| mixed(seed ^ mixed(k)));
     let [turned, moved] = shifts.map(|shift| [shift as u32, (shift >> 32) as u32]);
     let unit = |x: u32| f64::from(x) / 2f64.powi(32);
     (0..count).map(move |ray| {
         let [s, t] = sobol(ray);
         let (outward, turn) = (unit(s ^ turned[0]), unit(t ^ turned[1]));
-        let place = [0, 1].map(|k| unit(moved[k].wrapping_add(ray.wrapping_mul(STEPS[k]))));
+        let (origin, _) = whole.of_ray(ray, moved);
         // Uniform on the unit disc below the hemisphere (Nusselt's analogue).
         let (radius, (sin, cos)) = (outward.sqrt(), (TAU * turn).sin_cos());
         let direction = basis * DVec3::new(radius * cos, radius * sin, (1.0 - outward).sqrt());
-        (within(corners, place), direction)
+        (origin, direction)
     })
 }

@@ -56,8 +56,8 @@ impl Grid {
     /// The place of a sample within its pixel, in steps of one over the number of samples: no two samples of a pixel share a column or a row of
     /// these, so that edges along either cover each pixel in as many steps.
     fn within(&self, column: u32, row: u32) -> [u32; 2] {
-        let [u, v] = [column, row].map(|at| at % self.side);
-        [self.side * u + self.side - 1 - v, self.side * v + u]
+        let cell = [column, row].map(|at| f64::from(at % self.side));
+        rotated(self.side, cell).map(|at| at as u32)
     }
 
     pub fn tile_columns(&self) -> u32 {
@@ -86,6 +86,12 @@ impl Grid {
             .step_by(step as usize)
             .map(move |first_row| Band { first_row, rows: step.min(end - first_row) })
     }
+}
+
+/// The place of a sample within its pixel, in steps of one over the number of samples, by its column and row there; that of means of samples, too.
+pub(super) fn rotated(side: u32, [column, row]: [f64; 2]) -> [f64; 2] {
+    let side = f64::from(side);
+    [side * column + side - 1.0 - row, side * row + column]
 }
 
 impl Band {

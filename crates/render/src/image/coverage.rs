@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::bands::{Band, Grid, TILE};
+use super::bands::{Band, Grid, TILE, rotated};
 use super::faces::NONE;
 use super::projection::Projected;
 use super::tiles::Tiles;
@@ -167,9 +167,8 @@ impl Coverage {
             let of_pixel = shares.by_ref().take(count as usize).collect::<Vec<_>>();
             of_pixel.into_iter().filter(|share| share.face != BACK).map(move |share| {
                 let samples = f64::from(share.samples);
-                // On the rotated grid of `Grid::place`.
-                let [u, v] = share.sums.map(|sum| f64::from(sum) / samples);
-                let within = [side * u + side - 1.0 - v, side * v + u].map(|at| (at + 0.5) / (side * side));
+                let cells = share.sums.map(|sum| f64::from(sum) / samples);
+                let within = rotated(self.supersample, cells).map(|at| (at + 0.5) / (side * side));
                 FaceInPixel {
                     face: share.face as usize,
                     pixel,

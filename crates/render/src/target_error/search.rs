@@ -62,14 +62,9 @@ struct Planned {
 /// A step that was solved.
 pub(super) struct Ran {
     step: Step,
-    level: usize,
-    mesh: Mesh,
     /// The error of the solve, if it has no answer.
     answer: Result<Answer, EngineError>,
-    /// Of irradiance, and of each picture; empty without an estimate.
-    of_mesh: Vec<MeshError>,
-    /// Triangles under warnings of errors that the estimate does not include, and that smaller triangles mend.
-    beyond: Vec<u32>,
+    last: Last,
 }
 
 /// The steps solved so far.
@@ -90,21 +85,20 @@ pub(super) struct Tried {
 struct Last {
     level: usize,
     mesh: Mesh,
+    /// Of irradiance, and of each picture; empty without an estimate.
     of_mesh: Vec<MeshError>,
+    /// Triangles under warnings of errors that the estimate does not include, and that smaller triangles mend.
     beyond: Vec<u32>,
 }
 
 impl Tried {
-    fn new(ran: Ran, barrier: Option<SearchError>) -> Self {
-        let Ran { step, level, mesh, answer, of_mesh, beyond } = ran;
-        let best = answer.map(|answer| (mesh.clone(), answer));
-        let last = Last { level, mesh, of_mesh, beyond };
-        Self { steps: vec![step], chosen: 0, best, first: level, barrier, last }
+    fn new(Ran { step, answer, last }: Ran, barrier: Option<SearchError>) -> Self {
+        let best = answer.map(|answer| (last.mesh.clone(), answer));
+        Self { steps: vec![step], chosen: 0, best, first: last.level, barrier, last }
     }
 
-    pub fn add(&mut self, ran: Ran) {
-        let Ran { step, level, mesh, answer, of_mesh, beyond } = ran;
-        self.last = Last { level, mesh, of_mesh, beyond };
+    pub fn add(&mut self, Ran { step, answer, last }: Ran) {
+        self.last = last;
         if answer.is_ok() && (self.best.is_err() || !self.steps[self.chosen].is_better_than(&step)) {
             self.chosen = self.steps.len();
             self.best = answer.map(|answer| (self.last.mesh.clone(), answer));
@@ -318,7 +312,7 @@ impl<'a> Search<'a> {
         let by_cuts = beyond.iter().filter(|warning| CUT.contains(&warning.kind));
         let beyond = by_cuts.flat_map(|warning| warning.triangles.iter().copied()).collect();
         tracing::info!("{step}");
-        Ok(Ran { step, level, of_mesh: of_mesh.unwrap_or_default(), beyond, mesh, answer })
+        Ok(Ran { step, answer, last: Last { level, mesh, of_mesh: of_mesh.unwrap_or_default(), beyond } })
     }
 
     /// Solvers that do not converge go into the inner result, all other errors into the outer. Releases all device memory.

@@ -92,6 +92,12 @@ const LEAST: f64 = 0.5;
 /// Most weights: kernels index them by 32 bits.
 const MOST_WEIGHTS: u64 = 1 << 30;
 
+/// Some of many receivers, by which the size of the whole matrix is estimated.
+fn sampled(own: &[u32]) -> Option<Vec<u32>> {
+    let step = own.len().div_ceil(SAMPLE);
+    (own.len() > FEW * SAMPLE).then(|| own.iter().copied().step_by(step).collect())
+}
+
 impl Plan {
     /// Decides whether the near field is kept, and evaluates it if so. Everything else has been planned.
     ///
@@ -125,8 +131,7 @@ impl Plan {
             let slots = || (0..self.layout.slots()).filter(|&s| self.layout.order[s as usize] != PADDING);
             let own: Vec<u32> = slots().filter(|&slot| self.owns(slot)).collect();
             // Not traced in vain where they are far too many.
-            if own.len() > FEW * SAMPLE {
-                let sample: Vec<u32> = own.iter().copied().step_by(own.len().div_ceil(SAMPLE)).collect();
+            if let Some(sample) = sampled(&own) {
                 let weights = seen.rows(&blocks, &sample).weights.len() as f64;
                 let copies = if self.options.gradients.any() { 2.0 } else { 1.0 };
                 let all = weights * own.len() as f64 / sample.len() as f64;
@@ -165,8 +170,7 @@ impl Plan {
             return Err("no close pairs");
         }
         // Not computed in vain where it is far too large.
-        if own.len() > FEW * SAMPLE {
-            let sample: Vec<u32> = own.iter().copied().step_by(own.len().div_ceil(SAMPLE)).collect();
+        if let Some(sample) = sampled(&own) {
             let [weights, bytes] =
                 self.estimate(&Rows::of(&geometry, &blocks, near, &sample), near, &own, &sample);
             if LEAST * bytes > free as f64 {
