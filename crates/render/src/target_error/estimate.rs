@@ -204,7 +204,7 @@ impl fmt::Display for ErrorEstimate {
         let percent = |share: f64| format!("{:.2} %", 100.0 * share);
         write!(
             f,
-            "{} of irradiance (other bins and near field {}, mesh {}, residual {}",
+            "{} of irradiance (comparison {}, mesh {}, residual {}",
             percent(total),
             percent(compared),
             percent(mesh),
@@ -223,7 +223,7 @@ impl fmt::Display for ErrorEstimate {
         for PictureEstimate { camera, total, compared, within, .. } in &self.pictures {
             write!(
                 f,
-                ", {} of picture {camera} (other bins and near field {}, within triangles {})",
+                ", {} of picture {camera} (comparison {}, within triangles {})",
                 percent(*total),
                 percent(*compared),
                 percent(*within)
