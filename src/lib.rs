@@ -164,8 +164,8 @@ pub mod target_error {
 pub mod warnings {
     #[doc(inline)]
     pub use antirad_render::warnings::{
-        Effect, Example, Kind, MATTERS, RefineError, RefineOptions, Refined, Warning, Warnings, refine,
-        told_from, too_coarse,
+        Effect, Example, Kind, MATTERS, RefineError, RefineOptions, Refined, Warning, Warnings, cut_long,
+        refine, told_from, too_coarse,
     };
 }
 

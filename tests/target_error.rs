@@ -253,8 +253,10 @@ fn a_mesh_that_is_too_coarse_for_its_shadows() {
         let triangles = solved.scene.triangles.len();
         assert!(triangles > 200, "wide triangles are cut");
         assert!(triangles < 1000, "only triangles within which light varies are cut");
+        // Cut along contacts, the mesh is better than fewest bins let the comparison tell.
+        let most = if shading == Shading::Face { 4.0 } else { 3.0 };
         for (real, estimated) in [(irradiance, found.irradiance.total), (picture, found.pictures[0].total)] {
-            assert!(real <= 1.5 * estimated && estimated <= 4.0 * real, "{real}, estimated {estimated}");
+            assert!(real <= 1.5 * estimated && estimated <= most * real, "{real}, estimated {estimated}");
             assert!(!met || real <= error, "{real}");
         }
         assert_eq!(solved.on_given(&solved.answer.irradiance).len(), 36);

@@ -8,6 +8,7 @@ use antirad::scene::{
     Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice,
 };
 use antirad::target_error::usual_plan;
+use antirad::warnings::cut_long;
 use antirad::{Cotangent, Engine, Solution, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
 use support::random::{Random, scattered};
@@ -97,6 +98,38 @@ fn dense_blockers_converge_and_are_right() {
         assert!(of_mean.abs() <= bounds[0] && l2 <= bounds[1], "{}: {of_mean}, {l2}", scene.name);
         assert!(solution.irradiance.iter().flatten().all(|&h| h >= 0.0));
     }
+    finish(&backend);
+}
+
+/// Rods as high as the room is wide, of two triangles a side: what light there is falls off along them.
+fn rods() -> Scene {
+    let wood = Material { albedo: [0.6, 0.45, 0.3], ..Material::named("wood") };
+    let mut builder = room();
+    for k in 0..49 {
+        let [x, z] = [k % 7, k / 7].map(|at| 0.4 + 0.18 * f64::from(at));
+        let at = DAffine3::from_translation(DVec3::new(x, 0.0, z));
+        builder.shape("rod", Shape::Box { cells: 1 }, &wood, at * placed([0.05, 1.3, 0.05], [0.0; 3]));
+    }
+    builder.finish("rods").expect("a scene")
+}
+
+/// Rods of long triangles are too dark where the room sees them, unless these are cut.
+#[test]
+fn long_triangles_among_dense_blockers_are_cut() {
+    let backend = backend();
+    let given = rods();
+    let mut scene = given.clone();
+    let parents = cut_long(&mut scene, usize::MAX).expect("dense blockers");
+    let of_rods = given.meshes.iter().find(|mesh| mesh.name == "rod").expect("a rod").range.clone();
+    assert!(of_rods.filter(|t| parents.iter().filter(|p| *p == t).count() > 2).count() >= 4, "a rod is cut");
+    let found = [&given, &scene].map(|scene| {
+        let (_, solution) = solve(&backend, scene, &scene.settings);
+        let means = errors(scene, &solution.irradiance, 11);
+        println!("{} triangles: mean {:+.4}, L2 {:.4}", scene.triangles.len(), means[0], means[1]);
+        means
+    });
+    assert!(found[1][0].abs() <= 0.01 && found[1][1] <= 0.5 * found[0][1], "{found:?}");
+    assert!(cut_long(&mut load("scenes/cornell_boxes.toml"), usize::MAX).is_none());
     finish(&backend);
 }
 

@@ -4,6 +4,8 @@ use super::contacts::ON_SIDE;
 use super::geometry::{quarters, subdivide};
 use super::{Scene, bounds};
 use glam::DVec3;
+use std::cmp::Ordering;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// A part of a triangle.
@@ -102,10 +104,7 @@ impl Scene {
         let widest = share * low.distance(high);
         let mut parents: Vec<u32> = every.collect();
         loop {
-            let longest = |t: u32| {
-                let [a, b, c] = self.corners(t as usize);
-                a.distance(b).max(b.distance(c)).max(c.distance(a))
-            };
+            let longest = |t: u32| self.longest_side(t as usize).1;
             let has_area = |t: u32| self.degenerate.binary_search(&t).is_err();
             let wide: Vec<u32> = (0..parents.len() as u32)
                 .filter(|&t| longest(t) > widest && reflects(self, t) && has_area(t))
@@ -115,6 +114,47 @@ impl Scene {
             }
             parents = self.split(&wide).into_iter().map(|parent| parents[parent as usize]).collect();
         }
+    }
+
+    /// Halves triangles across their longest side until none is longer than the limit of its triangle, m. Returns the original triangle of
+    /// each new one.
+    pub fn split_long(&mut self, limits: &[f64]) -> Vec<u32> {
+        let mut parents: Vec<u32> = (0..self.triangles.len() as u32).collect();
+        let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
+        loop {
+            let mut halves = |scene: &mut Self, t: usize| {
+                let (k, length) = scene.longest_side(t);
+                if length.partial_cmp(&limits[parents[t] as usize]) != Some(Ordering::Greater) {
+                    return None;
+                }
+                let corners = [k, (k + 1) % 3, (k + 2) % 3];
+                let [a, b, c] = corners.map(|k| scene.triangles[t].vertices[k]);
+                let middle = *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                    scene.vertices.push(scene.vertices[a as usize].midpoint(scene.vertices[b as usize]));
+                    scene.vertices.len() as u32 - 1
+                });
+                let [u, v, w] = corners.map(|k| DVec3::AXES[k]);
+                let half = u.midpoint(v);
+                Some(vec![
+                    Part { vertices: [a, middle, c], corners: [u, half, w] },
+                    Part { vertices: [middle, b, c], corners: [half, v, w] },
+                ])
+            };
+            let parts: Vec<_> = (0..parents.len()).map(|t| halves(self, t)).collect();
+            if parts.iter().all(Option::is_none) {
+                return parents;
+            }
+            parents = self.replace(&parts).into_iter().map(|part| parents[part as usize]).collect();
+        }
+    }
+
+    /// The longest side of a triangle, from corner k to the next, and its length, m. The first of equally long ones.
+    pub fn longest_side(&self, triangle: usize) -> (usize, f64) {
+        let corners = self.corners(triangle);
+        let lengths = [0, 1, 2].map(|k| corners[k].distance(corners[(k + 1) % 3]));
+        let longer = |best: usize, k: usize| if lengths[k] > lengths[best] { k } else { best };
+        let k = longer(longer(0, 1), 2);
+        (k, lengths[k])
     }
 
     /// Area-weighted means of per-triangle values of a subdivided scene, on the triangles of the original scene.
@@ -131,8 +171,13 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Material, SceneBuilder, Shape};
+    use crate::{Material, SceneBuilder, Shape, sides};
     use glam::{DAffine3, DVec3};
+    use std::collections::HashSet;
+
+    fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
+        [a.min(b), a.max(b)]
+    }
 
     #[test]
     fn chosen_triangles_become_four_in_their_place() {
@@ -157,6 +202,33 @@ mod tests {
         // Triangles 2 and 3 share an edge, and thus one of the new vertices.
         assert_eq!(scene.vertices.len(), before.vertices.len() + 3 + 5);
         assert!(scene.check(true).is_ok());
+    }
+
+    /// A strip of 4 x 1 m: halves of halves, which share their corners.
+    #[test]
+    fn long_triangles_are_halved_until_they_are_short() {
+        let mut builder = SceneBuilder::new();
+        let strip = DAffine3::from_scale(DVec3::new(4.0, 1.0, 1.0));
+        builder.shape("strip", Shape::Quad { cells: 1 }, &Material::named("grey"), strip);
+        let given = builder.finish("scene").expect("a scene");
+        let mut scene = given.clone();
+        assert_eq!(scene.split_long(&[f64::INFINITY, f64::NAN]), [0, 1]);
+        assert_eq!(scene.triangles, given.triangles);
+        let parents = scene.split_long(&[1.5, f64::INFINITY]);
+        assert_eq!(parents.iter().filter(|&&parent| parent == 1).count(), 1);
+        assert!(parents.len() > 4 && parents.len() < 12, "{parents:?}");
+        let area = |t: usize| scene.area_vector(t).length();
+        let cut = (0..parents.len()).filter(|&t| parents[t] == 0);
+        assert!(cut.clone().all(|t| scene.longest_side(t).1 <= 1.5));
+        assert!((cut.map(area).sum::<f64>() - 2.0).abs() <= 1e-12);
+        // Both sides of the diagonal, cut alike, meet at the same vertices.
+        let mut both = given.clone();
+        let count = both.split_long(&[1.5; 2]).len();
+        // By Euler's formula for a disc: no vertex lies on a side of another triangle.
+        let edges: HashSet<[u32; 2]> =
+            both.triangles.iter().flat_map(|t| sides(t.vertices)).map(sorted).collect();
+        assert_eq!(both.vertices.len() + count, edges.len() + 1);
+        assert!(both.check(true).is_ok());
     }
 
     #[test]

@@ -5,10 +5,12 @@ use antirad::cli::{Interrupt, Working};
 use antirad::plan::PlanOptions;
 use antirad::scene::{Choice, Scene};
 use antirad::target_error::usual_settings;
-use antirad::warnings::{RefineOptions, refine, too_coarse};
+use antirad::warnings::{RefineOptions, cut_long, refine, too_coarse};
 
 /// Triangles that may be added where nobody asked for a finer mesh.
 const UNASKED: usize = 4000;
+/// The same among dense blockers, where the time of a solve grows with their number alone.
+const AMONG_DENSE: usize = 20_000;
 
 /// How the triangles of a scene were cut.
 pub struct Finer {
@@ -38,6 +40,9 @@ impl Finer {
         let mut finer = Self::whole(scene);
         let given = scene.clone();
         let touched = finer.cut_contacts(scene, max_triangles, interrupt);
+        if let Some(long) = finer.cut_long(scene, max_triangles, interrupt) {
+            return Ok((touched || long).then_some(finer));
+        }
         let looking = Working::on("looking for shadows");
         let count = scene.triangles.len();
         let coarse = count < max_triangles && interrupt.while_computing(|| too_coarse(scene));
@@ -79,6 +84,22 @@ impl Finer {
         }
         self.compose(&parents);
         touched
+    }
+
+    /// Cuts triangles among dense blockers, see [`cut_long`], and tells whether there are any. `None` where blockers are not dense.
+    fn cut_long(&mut self, scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> Option<bool> {
+        let _working = Working::on("looking for dense blockers");
+        let count = scene.triangles.len();
+        let parents =
+            interrupt.while_computing(|| cut_long(scene, max_triangles.min(count + AMONG_DENSE)))?;
+        self.compose(&parents);
+        let (cut, long) = (parents.len(), parents.len() != count);
+        if long {
+            tracing::info!(
+                "{cut} triangles instead of {count}, cut where light travels less far than they reach"
+            );
+        }
+        Some(long)
     }
 
     /// Cuts triangles where the mesh is too coarse for shadows, and tells whether `max_triangles` prevented

@@ -37,6 +37,7 @@ pub use residency::{Piece, Residency};
 pub use shares::Shares;
 pub use tiles::{Group, TileLayout};
 pub use transport::PlannedTransport;
+pub use visibility::is_explicit;
 pub use weights::RankWeights;
 
 use crate::direct::{Lamp, Openness, Visibility};

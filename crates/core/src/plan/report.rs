@@ -1,5 +1,6 @@
 //! The plan in words and numbers.
 
+use super::transport::rays_for;
 use super::{LampsReport, MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
 use crate::model::{Class, Clusters, LIST, Volumes};
 use antirad_scene::BackendKind;
@@ -34,6 +35,9 @@ const CPU: Rates = Rates {
     direct_lobes: 3e8,
     moved: f64::INFINITY,
 };
+
+/// Rays between triangles a second, on two idle cores with either backend.
+const RAYS: f64 = 2.5e6;
 
 /// Vulkan kernels on lavapipe, on two idle cores.
 const LAVAPIPE: Rates = Rates {
@@ -281,6 +285,11 @@ impl Plan {
             estimated_seconds: pass * passes[0],
             estimated_seconds_at_most: pass * passes[1],
         }
+    }
+
+    /// Seconds that rays would take in place of antiradiance.
+    pub fn seconds_of_rays(&self) -> f64 {
+        self.facets.len() as f64 * f64::from(rays_for(self.settings.transport)) / RAYS
     }
 
     /// Least and most passes: from Chebyshev's bound of Krylov methods for GMRES, from the decay of bounces

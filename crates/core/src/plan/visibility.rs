@@ -1,9 +1,10 @@
 //! The choice between implicit visibility, by antiradiance, and explicit visibility, by rays.
 
+use super::Placement;
 use super::{Occlusion, PlanError, PlanOptions};
 use crate::direct::from_front;
 use crate::model::{Facet, rays_among};
-use antirad_scene::{SolveSettings, VisibilityChoice};
+use antirad_scene::{Scene, SolveSettings, VisibilityChoice};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -36,6 +37,13 @@ pub(super) fn why_explicit(
         VisibilityChoice::Auto if !moves && dense_share(facets) > FEW => Ok(Some("dense blockers")),
         VisibilityChoice::Auto | VisibilityChoice::Implicit => Ok(None),
     }
+}
+
+/// Whether plans of a scene without derivatives by positions have explicit visibility, since its settings state it or its blockers are dense.
+pub fn is_explicit(scene: &Scene) -> bool {
+    let facets = Placement::of(scene).facets(scene);
+    // Nothing is refused without derivatives.
+    why_explicit(&facets, &scene.settings, &PlanOptions::default()).is_ok_and(|why| why.is_some())
 }
 
 /// The share of rays from fronts that meet more than [`IN_A_ROW`] fronts in a row, each so close before the next that it subtends more than a

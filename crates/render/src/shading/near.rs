@@ -32,6 +32,9 @@ const LEAST: f64 = 5e-4;
 const RINGS: [usize; 2] = [1, 5];
 /// Pairs of faces looked at, at most: one second on a core.
 const MOST_PAIRS: usize = 300_000_000;
+/// Faces with a sender near by, at most, of which those where rays tell what is in between take so many times as long: some seconds on a core.
+const MOST_WORK: usize = 1_000_000;
+const BY_RAYS: usize = 10;
 /// Times that senders are cut into quarters, at most, and square of the distance over the area beyond which a part counts as a point.
 const CUTS: usize = 3;
 const POINT: f64 = 16.0;
@@ -111,6 +114,10 @@ impl NearLight {
         near.resize_with(lit.facets.len(), Vec::new);
         let found: Vec<Vec<Near>> =
             read.par_iter().map(|&face| lit.near(&rays, &ranges, &candidates, face)).collect();
+        let work: usize = found.iter().flatten().map(|near| if near.clear { 1 } else { BY_RAYS }).sum();
+        if work > MOST_WORK {
+            return Ok(None);
+        }
         read.iter().zip(found).for_each(|(&face, found)| near[face] = found);
         let used: BTreeSet<u32> = near.iter().flatten().map(|near| near.sender).collect();
         let used: Vec<u32> = used.into_iter().collect();

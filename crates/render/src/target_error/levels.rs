@@ -232,7 +232,7 @@ pub fn usual_settings(scene: &Scene) -> SolveSettings {
 }
 
 /// The [`usual_settings`] and their plan. Visibility that is automatic is explicit where antiradiance would let much light pass through backs
-/// ([`Warnings::light_through_backs`]), if the plan has no derivatives by positions and rays fit its budget.
+/// ([`Warnings::light_through_backs`]) or take far longer than rays, if the plan has no derivatives by positions and rays fit its budget.
 ///
 /// # Errors
 /// Fails if the scene cannot be planned.
@@ -243,20 +243,28 @@ pub fn usual_plan(scene: &Scene, options: &PlanOptions) -> Result<(SolveSettings
     if !is_free || plan.transport().is_explicit() {
         return Ok((settings, plan));
     }
-    let Some(passed) = Warnings::light_through_backs(scene, &plan) else { return Ok((settings, plan)) };
+    let seconds = plan.report().estimated_seconds;
+    let why = if seconds > LONG && seconds > FAR_LONGER * plan.seconds_of_rays() {
+        format!("antiradiance would take {seconds:.0} s or more")
+    } else if let Some(passed) = Warnings::light_through_backs(scene, &plan) {
+        format!("antiradiance would add {:.1} % of light that passes through backs", 100.0 * passed)
+    } else {
+        return Ok((settings, plan));
+    };
     let explicit = settings.visibility(VisibilityChoice::Explicit);
     Ok(match Plan::new(scene, options, &explicit) {
         Ok(by_rays) if by_rays.residency() == Residency::Device => {
-            tracing::info!(
-                "antiradiance would add {:.1} % of light that passes through backs: visibility is explicit",
-                100.0 * passed
-            );
+            tracing::info!("{why}: visibility is explicit");
             (explicit, by_rays)
         }
         // Rays do not fit.
         _ => (settings, plan),
     })
 }
+
+/// Seconds that a solve by antiradiance may take at least, and in times of those that rays would take, before these replace it.
+const LONG: f64 = 30.0;
+const FAR_LONGER: f64 = 4.0;
 
 fn is_open(scene: &Scene) -> bool {
     matches!(scene.choice, Choice::Open { bins, near_field } if bins || near_field)

@@ -5,6 +5,7 @@ mod backs;
 mod distance;
 mod edges;
 mod effect;
+mod free_path;
 mod gain;
 mod gaps;
 mod layers;
@@ -12,6 +13,7 @@ mod refine;
 mod shadows;
 
 pub use effect::{Effect, MATTERS, told_from};
+pub use free_path::cut_long;
 pub(crate) use refine::CUT;
 pub use refine::{RefineError, RefineOptions, Refined, refine};
 pub use shadows::too_coarse;

@@ -1,0 +1,76 @@
+//! Triangles that reach further than light travels freely from them: the rods of a grid, the slats of blinds.
+//!
+//! Light is even over a triangle. Among dense blockers it falls off along one within about the distance of the next surface, and what is
+//! brightest is what the room sees best: evenly, too little of it leaves.
+
+use crate::path_tracer::PathTracer;
+use antirad_core::direct::from_front;
+use antirad_core::model::Facet;
+use antirad_core::plan::is_explicit;
+use antirad_scene::{Rays, Scene, bounds};
+use rayon::prelude::*;
+
+/// Sides longer than so many free paths are cut.
+const LONG: f64 = 1.0;
+/// Sides below this share of the scene's diagonal are not.
+const SHORT: f64 = 0.03;
+/// Rays that tell the free path of a triangle: their median.
+const RAYS: u32 = 31;
+/// Paths that tell how bright a triangle is.
+const PATHS: u32 = 8;
+/// Triangles that tell the mean irradiance.
+const TRIED: usize = 1000;
+/// Irradiance relative to that mean below which a triangle stays as it is, such as the sides of books that stand close together.
+const DARK: f64 = 0.05;
+/// What limits grow by where the mesh would have too many triangles.
+const LOOSER: f64 = 1.2;
+
+/// Where visibility is explicit, cuts lit triangles with sides longer than the median distance of what lies before them and 3 % of the scene's
+/// diagonal, or as many times as long as `max_triangles` asks for. Returns the original triangle of each new one; `None` where visibility is implicit.
+pub fn cut_long(scene: &mut Scene, max_triangles: usize) -> Option<Vec<u32>> {
+    if !is_explicit(scene) {
+        return None;
+    }
+    let mut limits = limits(scene);
+    let given = scene.clone();
+    loop {
+        let parents = scene.split_long(&limits);
+        if parents.len() <= max_triangles.max(limits.len()) {
+            return Some(parents);
+        }
+        *scene = given.clone();
+        limits.iter_mut().for_each(|limit| *limit *= LOOSER);
+    }
+}
+
+/// Longest side that each triangle may have, m.
+fn limits(scene: &Scene) -> Vec<f64> {
+    let count = scene.triangles.len();
+    let facets: Vec<Facet> = (0..count).map(|i| Facet::new(scene.corners(i))).collect();
+    let (rays, tracer) = (Rays::new(scene), PathTracer::new(scene));
+    let free_path = |i: usize| {
+        let first = |(origin, ray)| rays.nearest(origin, ray, Some(i)).map_or(f64::INFINITY, |(_, at)| at);
+        let mut distances: Vec<f64> = from_front(&facets[i], i as u64, RAYS).map(first).collect();
+        distances.sort_by(f64::total_cmp);
+        distances[distances.len() / 2]
+    };
+    let (low, high) = bounds(scene.vertices.iter().copied());
+    let short = SHORT * low.distance(high);
+    let irradiance = |i: usize| tracer.irradiance_of(i, PATHS).mean.element_sum();
+    let tried: Vec<usize> = (0..count).step_by(count.div_ceil(TRIED).max(1)).collect();
+    let found: Vec<f64> = tried.par_iter().map(|&i| facets[i].area * irradiance(i)).collect();
+    let mean = found.iter().sum::<f64>() / tried.iter().map(|&i| facets[i].area).sum::<f64>();
+    let limit = |i: usize| {
+        if facets[i].area <= 0.0 || scene.material(i).diffuse_albedo() == [0.0; 3] {
+            return f64::INFINITY;
+        }
+        let longest = scene.longest_side(i).1;
+        if longest <= short {
+            return f64::INFINITY;
+        }
+        let limit = short.max(LONG * free_path(i));
+        let is_lit_and_long = longest > limit && irradiance(i) > DARK * mean;
+        if is_lit_and_long { limit } else { f64::INFINITY }
+    };
+    (0..count).into_par_iter().map(limit).collect()
+}
