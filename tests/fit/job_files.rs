@@ -118,12 +118,14 @@ fn the_documented_keys_are_the_keys() {
         "{\"file_path\": \"r_0.jpg\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}";
     let set = format!("{{\"camera_angle_x\": 1, \"frames\": [{frame}]}}");
     let folder = folder(&[("j.toml", &text), ("transforms.json", &set)]);
-    for inner in ["photos", "masks"] {
+    for inner in ["photos", "masks", "seg"] {
         fs::create_dir(folder.path().join(inner)).expect("a folder");
     }
     picture(16, 12).write_exr(folder.path().join("photos/r_0.exr")).expect("written");
     let mask = image::GrayImage::from_pixel(16, 12, image::Luma([255]));
-    mask.save(folder.path().join("masks/r_0.png")).expect("written");
+    for inner in ["masks", "seg"] {
+        mask.save(folder.path().join(inner).join("r_0.png")).expect("written");
+    }
     let file = load(&folder).expect("a job");
     let sizes = file.job.problem().targets.iter().map(|target| (target.camera.width, target.camera.height));
     assert_eq!(sizes.collect::<Vec<_>>(), [(16, 12), (8, 6)]);

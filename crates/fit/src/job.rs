@@ -8,10 +8,11 @@ use super::optimiser::{
     Adam, CoarseHessian, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step,
     StepError,
 };
-use super::parameters::{ParameterError, Parameters, Recovered};
+use super::parameters::{ParameterError, Parameters, Per, Recovered};
 use super::problem::{Evaluation, Problem};
 use super::regulariser::Regularisers;
 use super::renderer::{CostEstimate, RenderError, Renderer};
+use super::segments::segments;
 use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::Target;
 use super::trail::Trail;
@@ -349,6 +350,13 @@ impl Job {
         let views = targets.iter().map(|target| target.camera.clone()).collect();
         let cameras = std::mem::replace(&mut scene.cameras, views);
         scene.cameras.iter().try_for_each(Camera::check)?;
+        let mut settings = settings;
+        for (fit, what) in settings.fits.iter_mut().enumerate() {
+            if what.per == Per::Segment && what.groups.is_none() {
+                what.groups =
+                    segments(&scene, &targets).map_err(|message| ParameterError { fit, message })?;
+            }
+        }
         // The solve settings stay the same from the first iteration to the last.
         scene.choice = Choice::STATED;
         scene.settings.tolerance = settings.tolerance.unwrap_or(scene.settings.tolerance.min(1e-5));

@@ -182,6 +182,7 @@ impl JobFile {
     /// suffix = ".exr"                # in place of that in the set
     /// every = 2                      # each second frame; or frames = ["r_0", "r_7"]
     /// mask = "masks/{name}.png"
+    /// segments = "seg/{name}.png"    # one colour for each material, for per = "segment"
     /// scale = 0.5                    # 1 over a whole number
     /// transform = [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]] # from the set's world to the scene's
     ///
@@ -189,7 +190,7 @@ impl JobFile {
     /// parameter = "albedo"           # or "emission", "diffuse", "specular", "power", "position", "camera"
     /// materials = ["red", "green"]   # default: all
     /// meshes = ["walls"]             # default: all; if both are given, triangles with both
-    /// per = "material"               # or "mesh", "triangle", "texel": a texture for each mesh
+    /// per = "material"               # or "mesh", "segment", "triangle", "texel": a texture for each mesh
     /// # resolution = 64              # of textures, columns and rows
     /// initial = 0.5                  # one number or RGB, as lower and upper; default: the scene's
     /// lower = 0
@@ -400,6 +401,11 @@ impl FitTable {
         }
         if self.detect == Some(true) && self.parameter != Quantity::Emission {
             return Err(String::from("`detect` is for parameter = \"emission\"; remove it"));
+        }
+        if self.detect == Some(true) && self.per.is_some() {
+            return Err(String::from(
+                "`per` and `detect` exclude each other: each candidate has a value; remove one",
+            ));
         }
         if self.resolution.is_some() && self.per != Some(Per::Texel) {
             return Err(String::from("`resolution` is for per = \"texel\"; remove it"));

@@ -2,7 +2,7 @@
 
 use super::exposure::Exposure;
 use super::response::UnknownResponse;
-use antirad_render::image::{ImageError, Photo, PhotoMask};
+use antirad_render::image::{ImageError, Label, Photo, PhotoMask};
 use antirad_scene::Camera;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -105,6 +105,8 @@ pub struct Target {
     /// How bright the camera's settings make the picture, up to a factor that pictures of one camera share: exposure time in seconds times
     /// ISO over the square of the f-number, where the file of a photograph has them.
     pub exposure_guess: Option<f64>,
+    /// What segmentation says that each pixel shows ([`segments`](super::segments)); `None` if it says nothing.
+    pub labels: Option<Vec<Option<Label>>>,
 }
 
 impl Target {
@@ -143,9 +145,18 @@ impl Target {
         if !(weight > 0.0 && weight.is_finite()) {
             return Err(TargetError::Weight(weight));
         }
-        let exposure = Exposure::default();
-        let (clip, bounds, response, exposure_guess) = (None, None, None, None);
-        let target = Self { camera, pixels, mask, weight, clip, bounds, exposure, response, exposure_guess };
+        let target = Self {
+            camera,
+            pixels,
+            mask,
+            weight,
+            clip: None,
+            bounds: None,
+            exposure: Exposure::default(),
+            response: None,
+            exposure_guess: None,
+            labels: None,
+        };
         if target.mask_sum() == 0.0 {
             return Err(TargetError::Nothing);
         }
@@ -222,6 +233,8 @@ impl Target {
             exposure: self.exposure,
             response: self.response,
             exposure_guess: self.exposure_guess,
+            // Which triangles share a value is known by then.
+            labels: None,
         }
     }
 

@@ -29,6 +29,7 @@ pub(super) struct TargetTable {
     transform: Option<Spanned<Vec<Vec<f64>>>>,
     layer: Option<String>,
     mask: Option<Spanned<PathBuf>>,
+    segments: Option<Spanned<PathBuf>>,
     weight: Option<f64>,
     white: Option<Spanned<f64>>,
     clipped: Option<Clipped>,
@@ -245,6 +246,7 @@ fn read_picture(
         ("frames", table.frames.as_ref().map(Spanned::span)),
         ("scale", table.scale.as_ref().map(Spanned::span)),
         ("pixels", table.pixels.as_ref().map(Spanned::span)),
+        ("segments", table.segments.as_ref().map(Spanned::span)),
         ("transform", table.transform.as_ref().map(Spanned::span)),
     ];
     if let Some((key, span)) = of_sets.into_iter().find_map(|(key, span)| Some((key, span?))) {
@@ -364,6 +366,7 @@ fn read_set(
         images: table.images.as_ref().map(|folder| file.beside(folder.get_ref())),
         suffix: table.suffix.as_ref().map(|suffix| suffix.get_ref().clone()),
         mask: table.mask.as_ref().map(|mask| file.beside(mask.get_ref())),
+        segments: table.segments.as_ref().map(|segments| file.beside(segments.get_ref())),
         layer: table.layer.clone(),
         shrink: 1,
         treatment: *treatment,

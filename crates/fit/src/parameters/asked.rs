@@ -13,6 +13,8 @@ pub enum Per {
     Material,
     /// All triangles of a mesh.
     Mesh,
+    /// All triangles of a label of the targets' segmentation ([`segments`](crate::segments)); of what none labels, those of a mesh.
+    Segment,
     /// Each triangle has its own value.
     Triangle,
     /// Each texel of a texture over the texture coordinates of each mesh.
