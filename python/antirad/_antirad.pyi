@@ -352,6 +352,8 @@ class Gradients:
     def vertices(self) -> NDArray[np.float64] | None: ...
     @property
     def camera(self) -> NDArray[np.float64] | None: ...
+    @property
+    def textures(self) -> list[NDArray[np.float64]] | None: ...
     def by_material(self, scene: Scene) -> Gradients: ...
 
 @final
@@ -364,6 +366,7 @@ class Renderer:
         gradients: Sequence[_Kind] = (),
         supersample: int = 4,
         shading: Literal["gathered", "face"] = "gathered",
+        textures: Sequence[tuple[str, int, int]] = (),
         backend: Backend | None = None,
     ) -> Renderer: ...
     def pictures(
@@ -376,6 +379,7 @@ class Renderer:
         power: ArrayLike | None = None,
         vertices: ArrayLike | None = None,
         camera: ArrayLike | None = None,
+        textures: Sequence[ArrayLike] = (),
     ) -> list[NDArray[np.float64]]: ...
     def pull_back(
         self,
@@ -388,6 +392,7 @@ class Renderer:
         power: ArrayLike | None = None,
         vertices: ArrayLike | None = None,
         camera: ArrayLike | None = None,
+        textures: Sequence[ArrayLike] = (),
     ) -> Gradients: ...
     @property
     def views(self) -> list[tuple[str, int, int]]: ...
