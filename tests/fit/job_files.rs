@@ -2,7 +2,7 @@
 
 use crate::{SCENE, says};
 use antirad::backend::BackendChoice;
-use antirad::fit::{JobFile, LossKind, OptimiserKind};
+use antirad::fit::{JobFile, LossKind, Noise, OptimiserKind};
 use antirad::image::{Exposure, Picture, ToneMap};
 use antirad_scene::{linear_from_srgb, srgb_from_linear};
 use std::fs;
@@ -112,8 +112,8 @@ fn the_documented_keys_are_the_keys() {
         .collect();
     let text = text.replace("room.toml", "s.toml").replace("photo.exr", "p.exr").replace("green", "gloss");
     let text = text.replace("\"walls\"", "\"room\", \"box\", \"table\"").replace("mask = \"mask.png\"", "");
-    // Of integers alone, and of files of several layers.
-    let text = text.replace("response = ", "# ").replace("layer = ", "# ");
+    // Of integers alone, of files of several layers, and of other losses.
+    let text = text.replace("response = ", "# ").replace("layer = ", "# ").replace("noise = ", "# ");
     let frame =
         "{\"file_path\": \"r_0.jpg\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}";
     let set = format!("{{\"camera_angle_x\": 1, \"frames\": [{frame}]}}");
@@ -238,6 +238,27 @@ fn responses_of_cameras() {
     let text = keys("response = \"fit\"").replace("relative-l2", "l1");
     let error = target(&text).expect_err("no smooth loss");
     says(&error.to_string(), &["responses", "huber"]);
+}
+
+#[test]
+fn noise_of_pictures() {
+    let noise = |keys: &str| job("weight = 2", &format!("noise = {keys}"));
+    let file =
+        load(&folder(&[("j.toml", &noise("{ shot = 1e-3, read = 0.02 }\nwhite = 5"))])).expect("a job");
+    // Floats have no white.
+    let of_floats = Noise { shot: 1e-3, read: 0.02 };
+    assert_eq!(file.job.problem().targets[0].noise, Some(of_floats));
+    let small = noise("{ read = 0.02 }").replace("p.exr", "large.exr");
+    let folder = folder(&[("j.toml", &small)]);
+    picture(64, 48).write_exr(folder.path().join("large.exr")).expect("written");
+    let file = load(&folder).expect("a job");
+    // A mean over 4 x 4 pixels.
+    assert_eq!(file.job.problem().targets[0].noise, Some(Noise { shot: 0.0, read: 0.005 }));
+    for keys in ["{ shot = -1 }", "{ read = nan }", "{}", "{ shot = 0, read = inf }"] {
+        refused(&noise(keys), &["j.toml:6", "`shot` and `read`"]);
+    }
+    refused(&noise("{ reed = 1 }"), &["j.toml:6", "did you mean `read`?"]);
+    refused(&noise("{ read = 1 }").replace("relative-l2", "l1"), &["j.toml:6", "huber and relative-l2"]);
 }
 
 #[test]

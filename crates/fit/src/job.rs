@@ -748,7 +748,7 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
                 &target.mask,
                 target.weight,
                 (target.clip, &target.bounds),
-                (target.exposure, target.response),
+                (target.exposure, target.response, target.noise),
             ),
         )?;
     }

@@ -174,6 +174,7 @@ impl JobFile {
     /// white_balance = "known"        # the same of red and blue; photos of sets without `white` fit both unless either is stated
     /// response = "srgb"              # of integer formats; or "linear", "gamma" (with gamma = 2.2), "fit": one curve for this table
     /// clipped = "ignore"             # pixels at the end of an integer format; or "use", "bound" (where exposures are fitted)
+    /// noise = { shot = 1e-4, read = 3e-3 } # of a channel v, of white: a variance of shot v + read²
     /// layer = "ViewLayer.Combined"   # of an EXR with several
     ///
     /// [[target]]                     # one for each frame of a set of photographs
@@ -329,6 +330,13 @@ impl JobFile {
                     .error("`threshold` is for kind = \"huber\"; remove it")
                     .into());
             }
+        }
+        let noises = table.target.iter().filter_map(|target| target.get_ref().noise_span());
+        if let (LossKind::L1 | LossKind::L2 | LossKind::LogL1, Some(span)) =
+            (settings.loss, noises.into_iter().next())
+        {
+            let message = "`noise` weights the losses huber and relative-l2; state one as `kind` of [loss], or remove it";
+            return Err(place_of(span).error(message).into());
         }
         for term in &table.regulariser {
             let regulariser =

@@ -19,6 +19,7 @@ mod lock;
 mod loss;
 mod median;
 mod motion;
+mod noise;
 pub mod optimiser;
 mod parameters;
 mod photographs;
@@ -45,6 +46,7 @@ pub use job::{FitError, FitProgress, Job, OnCheckpoint, Outcome, Record, RunOpti
 pub use job_file::JobFile;
 pub use lock::{FolderLock, LockError};
 pub use loss::{Loss, LossKind, PictureLoss};
+pub use noise::Noise;
 pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered, Unseen};
 pub use photographs::{Photographs, USUAL_PIXELS};
 pub use problem::{Evaluation, Judged, Problem};

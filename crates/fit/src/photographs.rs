@@ -146,7 +146,7 @@ impl Photographs {
         let labels = self.labels_of(frame, size).map_err(named)?;
         let labels = labels.map(|labels| labels.through_pinhole(&lens, camera.width, camera.height));
         let (photo, mask) = self.seen(photo, mask.as_ref(), &lens, &camera);
-        let target = self.treatment.target(&photo, mask, camera);
+        let target = self.treatment.target(&photo, mask, camera, size[0]);
         let (target, ignored) = target.map_err(|error| of_file(error.to_string()))?;
         Ok((Target { labels, ..target }, ignored))
     }

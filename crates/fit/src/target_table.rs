@@ -3,6 +3,7 @@
 use super::exposure::Exposure;
 use super::job::FitError;
 use super::job_file::positive;
+use super::noise::Noise;
 use super::photographs::{Photographs, USUAL_PIXELS};
 use super::response::{Response, UnknownResponse};
 use super::selection::unknown;
@@ -10,6 +11,7 @@ use super::target::{Target, TargetError, open_mask, radiance, unreadable, weight
 use antirad_render::image::{Photo, PhotoMask};
 use antirad_scene::{Camera, CameraSet, CameraTable, Place, Scene, SceneError, Similarity, TomlFile};
 use serde::Deserialize;
+use std::ops::Range;
 use std::path::PathBuf;
 use toml::Spanned;
 
@@ -30,6 +32,7 @@ pub(super) struct TargetTable {
     layer: Option<String>,
     mask: Option<Spanned<PathBuf>>,
     segments: Option<Spanned<PathBuf>>,
+    noise: Option<Spanned<Noise>>,
     weight: Option<f64>,
     white: Option<Spanned<f64>>,
     clipped: Option<Clipped>,
@@ -40,6 +43,11 @@ pub(super) struct TargetTable {
 }
 
 impl TargetTable {
+    /// Where it states a noise.
+    pub(super) fn noise_span(&self) -> Option<Range<usize>> {
+        self.noise.as_ref().map(Spanned::span)
+    }
+
     /// Whether it is a set of photographs.
     pub(super) fn is_set(&self) -> bool {
         self.cameras.is_some()
@@ -86,6 +94,8 @@ pub(super) struct Treatment {
     pub clipped: Option<Clipped>,
     /// Of each view.
     pub weight: f64,
+    /// Of a pixel of the file, in units of white.
+    pub noise: Option<Noise>,
     /// What of exposures is unknown in pictures that end at white, and in others.
     pub exposures: [Exposure; 2],
     /// Of cameras, as stated; sRGB in pictures that end at white, and linear in others.
@@ -104,7 +114,7 @@ impl Treatment {
     /// That of photographs of which nothing is stated: phones choose exposure and white balance for each.
     pub fn of_photographs() -> Self {
         let exposures = [Exposure::GAIN_AND_WHITE_BALANCE, Exposure::default()];
-        Self { white: 1.0, clipped: None, weight: 1.0, exposures, response: None, table: 0 }
+        Self { white: 1.0, clipped: None, weight: 1.0, noise: None, exposures, response: None, table: 0 }
     }
 
     /// A photo in linear light, by the response stated.
@@ -119,12 +129,14 @@ impl Treatment {
         }
     }
 
-    /// A target from a linear picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored.
+    /// A target from a linear picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored. `across`:
+    /// pixels of the file along the picture.
     pub fn target(
         &self,
         photo: &Photo,
         mask: Option<Vec<f64>>,
         camera: Camera,
+        across: u32,
     ) -> Result<(Target, usize), TargetError> {
         let mut mask = mask;
         let mut ignored = 0;
@@ -140,11 +152,14 @@ impl Treatment {
             }
         }
         let pixels = radiance(photo, self.white);
+        let averaged = (f64::from(across) / f64::from(camera.width)).max(1.0).powi(2);
         let clip = (clipped == Clipped::Bound && photo.ends_at_white).then_some(CLIP * self.white);
         let mut target = Target::new(camera, pixels, mask, self.weight)?.exposed(exposure);
         target.clip = clip;
         target.bounds = clip.and(Some(&photo.clipped)).filter(|clipped| clipped.contains(&true)).cloned();
         target.exposure_guess = photo.exposure;
+        let white = if photo.ends_at_white { self.white } else { 1.0 };
+        target.noise = self.noise.map(|noise| noise.scaled(white).of_means(averaged));
         let unknown = UnknownResponse { white: self.white, shared: self.table };
         target.response = (self.response == Some(Response::Fit)).then_some(unknown);
         Ok((target, ignored))
@@ -169,8 +184,10 @@ pub(super) fn read_targets(
     };
     let exposures = exposures(file, table, place.line)?;
     let (clipped, weight) = (table.clipped, table.weight.unwrap_or(1.0));
+    let noise = noise(file, table)?;
     let response = response(file, table)?;
-    let treatment = Treatment { white, clipped, weight, exposures, response, table: place.line as u32 };
+    let treatment =
+        Treatment { white, clipped, weight, noise, exposures, response, table: place.line as u32 };
     match (&table.cameras, &table.picture) {
         (Some(cameras), None) => read_set(file, table, cameras, &treatment, warnings),
         (None, Some(picture)) => {
@@ -183,6 +200,17 @@ pub(super) fn read_targets(
         (None, None) => Err(place
             .error("which picture? Add `picture = \"FILE\"`, or `cameras = \"transforms.json\"` for a set of photographs")
             .into()),
+    }
+}
+
+/// The noise stated.
+fn noise(file: &TomlFile, table: &TargetTable) -> Result<Option<Noise>, SceneError> {
+    let Some(noise) = &table.noise else { return Ok(None) };
+    match noise.get_ref().is_valid() {
+        true => Ok(Some(*noise.get_ref())),
+        false => Err(file
+            .place(noise.span())
+            .error("noise: `shot` and `read` must be finite and 0 or more, and not both 0")),
     }
 }
 
@@ -276,7 +304,7 @@ fn read_picture(
     let size = [photo.width, photo.height];
     let (photo, mask) = averaged(&photo, mask.as_ref(), &camera)
         .ok_or_else(|| of_picture(wrong_size("the picture", size, &camera)))?;
-    let (target, ignored) = treatment.target(&photo, mask, camera).map_err(of_picture)?;
+    let (target, ignored) = treatment.target(&photo, mask, camera, size[0]).map_err(of_picture)?;
     if ignored > 0 {
         warnings.push(format!(
             "{}: {ignored} clipped pixels are ignored, as the true values may be brighter; clipped = \"use\" uses them.",
@@ -452,7 +480,7 @@ fn shrink(scale: f64) -> Result<u32, String> {
 }
 #[cfg(test)]
 mod tests {
-    use crate::JobFile;
+    use crate::{JobFile, Noise};
     use antirad_render::image::Picture;
     use std::path::Path;
     use tempfile::TempDir;
@@ -529,7 +557,7 @@ mod tests {
             .save(folder.path().join("m_b.png"))
             .expect("written");
         let keys = "cameras = \"t.json\"\nsuffix = \".exr\"\nscale = 0.5\nframes = [\"b\"]\nmask = \"m_{name}.png\"\n\
-                    transform = [[0, 0, 2, 0], [2, 0, 0, 0], [0, 2, 0, 1]]";
+                    transform = [[0, 0, 2, 0], [2, 0, 0, 0], [0, 2, 0, 1]]\nnoise = { shot = 4, read = 0.02 }";
         let file = load(folder.path(), keys).expect("a job");
         let target = &file.job.problem().targets[0];
         assert_eq!((target.camera.width, target.camera.height), (4, 3));
@@ -540,6 +568,8 @@ mod tests {
         // The left half of the first pixel is masked out.
         assert_eq!(target.pixels[0].to_array(), [3.0, 1.5, 1.0]);
         assert_eq!((target.mask_at(0), target.mask_at(1)), (0.5, 1.0));
+        // Of means over four pixels.
+        assert_eq!(target.noise, Some(Noise { shot: 1.0, read: 0.01 }));
         let file = load(folder.path(), "cameras = \"t.json\"\nevery = 2").expect("a job");
         assert_eq!(file.job.problem().targets.len(), 1);
     }
