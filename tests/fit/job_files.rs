@@ -303,6 +303,14 @@ fn numbers_and_combinations_that_mean_nothing() {
     refused(&camera("materials = [\"wall\"]"), &["j.toml:8", "use `cameras` instead of `materials`"]);
     refused(&camera("per = \"mesh\""), &["`per` is for materials"]);
     refused(&camera("motion = \"rigid\""), &["`motion` is for parameter = \"position\""]);
+    refused(&camera("max_scale = 2"), &["j.toml:8", "`max_scale` is for", "together = true"]);
+    refused(&camera("together = true\nmotion = \"vertices\""), &["j.toml:8", "motion = \"similarity\""]);
+    refused(&camera("together = true\nmax_scale = 0.5"), &["j.toml:8", "max_scale is 0.5"]);
+    for (keys, unknowns) in [("", 7), ("motion = \"rigid\"", 6), ("max_scale = 1.1\nmotion = \"scale\"", 1)] {
+        let text = with_prior(camera(&format!("together = true\n{keys}")));
+        let file = load(&folder(&[("j.toml", &text)])).expect("a job");
+        assert_eq!(file.job.problem().parameters.len(), unknowns + 6, "{keys}");
+    }
     refused(&camera("initial = 0"), &["leave `initial` out"]);
     refused(&camera("max_rotation_degrees = 0"), &["max_rotation_degrees is 0"]);
     refused(&job("initial = 0.5", "cameras = [\"main\"]"), &["`cameras` is for parameter = \"camera\""]);

@@ -8,7 +8,7 @@ use super::optimiser::{
     Adam, CoarseHessian, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step,
     StepError,
 };
-use super::parameters::{ParameterError, Parameters, Per, Recovered};
+use super::parameters::{Fit, ParameterError, Parameters, Per, Recovered};
 use super::problem::{Evaluation, Problem};
 use super::regulariser::Regularisers;
 use super::renderer::{CostEstimate, RenderError, Renderer};
@@ -19,6 +19,7 @@ use super::trail::Trail;
 use antirad_base::output::OutputError;
 use antirad_base::setters;
 use antirad_render::image::ImageError;
+use antirad_render::render::Quantity;
 use antirad_scene::{Camera, Choice, Scene, SceneError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -352,10 +353,8 @@ impl Job {
         scene.cameras.iter().try_for_each(Camera::check)?;
         let mut settings = settings;
         for (fit, what) in settings.fits.iter_mut().enumerate() {
-            if what.per == Per::Segment && what.groups.is_none() {
-                what.groups =
-                    segments(&scene, &targets).map_err(|message| ParameterError { fit, message })?;
-            }
+            what.groups =
+                groups(what, &scene, &targets).map_err(|message| ParameterError { fit, message })?;
         }
         // The solve settings stay the same from the first iteration to the last.
         scene.choice = Choice::STATED;
@@ -615,6 +614,29 @@ impl Job {
         named.into_iter().try_for_each(|camera| scene.set_camera(camera))?;
         Ok(scene)
     }
+}
+
+/// Groups of a fit: those stated, or where targets decide them segments of triangles, or the cameras of each set of photographs.
+fn groups(fit: &Fit, scene: &Scene, targets: &[Target]) -> Result<Option<Vec<(String, Vec<u32>)>>, String> {
+    match (fit.quantity, fit.per) {
+        _ if fit.groups.is_some() => Ok(fit.groups.clone()),
+        (Quantity::Camera, _) if fit.together => Ok(Some(sets(targets))),
+        (_, Per::Segment) => segments(scene, targets),
+        _ => Ok(None),
+    }
+}
+
+/// The views of each set of photographs, by name; single pictures are one set.
+fn sets(targets: &[Target]) -> Vec<(String, Vec<u32>)> {
+    let mut sets: Vec<(String, Vec<u32>)> = Vec::new();
+    for (view, target) in (0..).zip(targets) {
+        let name = target.set.as_deref().unwrap_or("pictures");
+        match sets.iter_mut().find(|(known, _)| known == name) {
+            Some((_, views)) => views.push(view),
+            None => sets.push((name.to_owned(), vec![view])),
+        }
+    }
+    sets
 }
 
 /// What an error before the first iteration means to a fit.

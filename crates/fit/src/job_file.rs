@@ -217,6 +217,7 @@ impl JobFile {
     /// lower = [-0.1, -0.1, -0.1]     # of the displacement, metres
     /// upper = [0.1, 0.1, 0.1]
     /// max_rotation_degrees = 5
+    /// # together = true              # those of each set as one body, by a similarity: or motion = "rigid", "translation", "scale"
     ///
     /// [loss]
     /// kind = "l2"                    # or "l1", "relative-l2", "log-l1", "huber"; the last is the default for sets
@@ -395,14 +396,20 @@ impl FitTable {
     fn fit(&self) -> Result<Fit, String> {
         let position = self.parameter == Quantity::Position;
         let camera = self.parameter == Quantity::Camera;
+        let together = camera && self.together == Some(true);
         let of_positions = [
-            ("motion", self.motion.is_some()),
-            ("together", self.together.is_some()),
-            ("max_rotation_degrees", self.max_rotation_degrees.is_some() && !camera),
-            ("max_scale", self.max_scale.is_some()),
+            ("motion", self.motion.is_some(), together),
+            ("together", self.together.is_some(), camera),
+            ("max_rotation_degrees", self.max_rotation_degrees.is_some(), camera),
+            ("max_scale", self.max_scale.is_some(), together),
         ];
-        if let Some((key, _)) = of_positions.iter().find(|(_, given)| *given && !position) {
-            return Err(format!("`{key}` is for parameter = \"position\"; remove it"));
+        if let Some((key, ..)) = of_positions.iter().find(|(_, given, suits)| *given && !position && !suits) {
+            return Err(match camera {
+                true => format!(
+                    "`{key}` is for parameter = \"position\", or cameras with together = true; remove it"
+                ),
+                false => format!("`{key}` is for parameter = \"position\"; remove it"),
+            });
         }
         if self.cameras.is_some() && !camera {
             return Err(String::from("`cameras` is for parameter = \"camera\"; remove it"));
@@ -438,7 +445,7 @@ impl FitTable {
             cameras: self.cameras.clone(),
             per: self.per.unwrap_or(usual.per),
             resolution: self.resolution,
-            motion: self.motion.unwrap_or(usual.motion),
+            motion: self.motion.unwrap_or(if together { MotionKind::Similarity } else { usual.motion }),
             together: self.together.unwrap_or(false),
             lower: triple(&self.lower),
             upper: triple(&self.upper),

@@ -148,7 +148,8 @@ impl Photographs {
         let (photo, mask) = self.seen(photo, mask.as_ref(), &lens, &camera);
         let target = self.treatment.target(&photo, mask, camera, size[0]);
         let (target, ignored) = target.map_err(|error| of_file(error.to_string()))?;
-        Ok((Target { labels, ..target }, ignored))
+        let set = Some(self.set.path.display().to_string());
+        Ok((Target { labels, set, ..target }, ignored))
     }
 
     /// The camera of a frame, unless its picture has another shape or is too small.

@@ -145,14 +145,32 @@ fn views(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
             return Err(unknown_of("no target has the camera", name, "they have", known));
         }
     }
+    let chosen = || (0..).zip(&scene.cameras).filter(|(_, camera)| named(&camera.name));
+    if fit.together {
+        if fit.motion == MotionKind::Vertices {
+            return Err(String::from(
+                "cameras that move together have motion = \"similarity\", \"rigid\", \"translation\" or \"scale\"",
+            ));
+        }
+        let views: Vec<u32> = chosen().map(|(view, _)| view).collect();
+        let mut groups = fit.groups.clone().unwrap_or_else(|| vec![(String::from("cameras"), views.clone())]);
+        groups.iter_mut().for_each(|(_, of)| of.retain(|view| views.contains(view)));
+        groups.retain(|(_, of)| !of.is_empty());
+        return some_cameras(groups);
+    }
     let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
-    for (view, camera) in (0..).zip(&scene.cameras).filter(|(_, camera)| named(&camera.name)) {
+    for (view, camera) in chosen() {
         let same = |(_, views): &&mut (String, Vec<u32>)| scene.cameras[views[0] as usize] == *camera;
         match groups.iter_mut().find(same) {
             Some((_, views)) => views.push(view),
             None => groups.push((camera.name.clone(), vec![view])),
         }
     }
+    some_cameras(groups)
+}
+
+/// A selection of cameras, unless it is empty.
+fn some_cameras(groups: Vec<(String, Vec<u32>)>) -> Result<Selected, String> {
     match groups.is_empty() {
         true => Err(String::from("no camera is selected; name one of a target")),
         false => Ok(Selected { groups, edge: 1.0 }),

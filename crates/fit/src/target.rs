@@ -109,6 +109,8 @@ pub struct Target {
     /// Noise of the picture, in its unit: where it is large, the losses [`LossKind::Huber`](super::LossKind::Huber) and
     /// [`LossKind::RelativeL2`](super::LossKind::RelativeL2) count differences for less. `None`: they know of none.
     pub noise: Option<Noise>,
+    /// The set of photographs that it is of; `None`: it is alone.
+    pub set: Option<String>,
     /// What segmentation says that each pixel shows ([`segments`](super::segments)); `None` if it says nothing.
     pub labels: Option<Vec<Option<Label>>>,
 }
@@ -160,6 +162,7 @@ impl Target {
             response: None,
             exposure_guess: None,
             noise: None,
+            set: None,
             labels: None,
         };
         if target.mask_sum() == 0.0 {
@@ -244,6 +247,7 @@ impl Target {
             response: self.response,
             exposure_guess: self.exposure_guess,
             noise: self.noise.map(|noise| noise.of_means(of_block)),
+            set: self.set.clone(),
             // Which triangles share a value is known by then.
             labels: None,
         }

@@ -439,7 +439,8 @@ fn read_set(
             read.len()
         ));
     }
-    Ok(read.into_iter().map(|(target, _)| target).collect())
+    let name = cameras.get_ref().display().to_string();
+    Ok(read.into_iter().map(|(target, _)| Target { set: Some(name.clone()), ..target }).collect())
 }
 
 fn choose_frames(file: &TomlFile, table: &TargetTable, set: &mut CameraSet) -> Result<(), SceneError> {

@@ -64,14 +64,14 @@ pub struct Fit {
     pub cameras: Option<Vec<String>>,
     /// Which triangles share a value.
     pub per: Per,
-    /// Triangles that share a value, with a name for each group, in place of [`Self::per`]: for example candidates for lamps
+    /// Triangles that share a value, or views whose cameras move together, with a name for each group, in place of [`Self::per`]: for example candidates for lamps
     /// ([`candidates`](crate::candidates)). They must be among those selected.
     pub groups: Option<Vec<(String, Vec<u32>)>>,
     /// For [`Per::Texel`]: columns and rows of each texture; `None`: 64.
     pub resolution: Option<u32>,
-    /// For positions: how they may change.
+    /// For positions, and for cameras that move together: how they may change.
     pub motion: MotionKind,
-    /// For positions: the meshes move as one body instead of separately.
+    /// The meshes move as one body instead of separately; of cameras, those of each set of photographs ([`Target::set`](crate::Target::set)).
     pub together: bool,
     /// Lower bound in the unit of the quantity; for positions and cameras, of the displacement from where they are given, m.
     pub lower: Option<[f64; 3]>,
@@ -81,7 +81,7 @@ pub struct Fit {
     pub initial: Option<[f64; 3]>,
     /// Largest component of a rotation vector, degrees; `None`: 180, and 5 for cameras.
     pub max_rotation_degrees: Option<f64>,
-    /// Largest factor of size; its reciprocal is the smallest.
+    /// Largest factor of size; its reciprocal is the smallest. `None`: 10, and 2 for cameras.
     pub max_scale: Option<f64>,
 }
 
