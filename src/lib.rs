@@ -144,7 +144,7 @@ pub mod fit {
     #[doc(inline)]
     pub use antirad_fit::{
         CHECKPOINT_FILES, CheckpointError, CostEstimate, EngineRenderer, Evaluation, Exposure, Fit, FitError,
-        FitProgress, FolderLock, Job, JobFile, Judged, LockError, Loss, LossKind, MotionKind, Noise,
+        FitProgress, FolderLock, Groups, Job, JobFile, Judged, LockError, Loss, LossKind, MotionKind, Noise,
         OnCheckpoint, OptimiserKind, Outcome, OwnSquares, ParameterError, Parameters, Per, Photographs,
         PictureLoss, Problem, Record, Recovered, Regulariser, Regularisers, RenderError, Renderer, Response,
         ResponseCurve, RunOptions, Sensor, Settings, State, Status, Stop, StopRule, Target, TargetError,

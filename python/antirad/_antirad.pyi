@@ -445,7 +445,7 @@ class Fit:
         materials: Sequence[str] | None = None,
         meshes: Sequence[str] | None = None,
         cameras: Sequence[str] | None = None,
-        per: Literal["material", "mesh", "triangle", "texel"] = "material",
+        per: Literal["material", "mesh", "segment", "triangle", "texel"] = "material",
         resolution: int | None = None,
         motion: Literal["rigid", "translation", "scale", "similarity", "vertices"] = "rigid",
         together: bool = False,
@@ -459,7 +459,13 @@ class Fit:
 @final
 class Target:
     def __new__(
-        cls, camera: Camera, picture: ArrayLike, *, mask: ArrayLike | None = None, weight: float = 1.0
+        cls,
+        camera: Camera,
+        picture: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        weight: float = 1.0,
+        noise: tuple[float, float] | None = None,
     ) -> Target: ...
     @property
     def camera(self) -> Camera: ...
@@ -562,6 +568,8 @@ def load_targets(
     images: _Path | None = None,
     suffix: str | None = None,
     mask: _Path | None = None,
+    segments: _Path | None = None,
+    noise: tuple[float, float] | None = None,
     layer: str | None = None,
     every: int = 1,
     response: Literal["srgb", "linear", "gamma", "fit"] | None = None,

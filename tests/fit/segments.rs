@@ -97,7 +97,7 @@ fn labels(scene: &Scene, camera: &Camera) -> RgbImage {
 /// The walls as one mesh of one material.
 fn one_mesh(mut scene: Scene) -> Scene {
     let [.., back, lamp] = &scene.meshes[..] else { unreachable!("four meshes") };
-    let walls = Mesh { name: "walls".into(), range: 0..back.range.end, ..back.clone() };
+    let walls = Mesh { name: "walls".into(), range: 0..back.range.end };
     scene.meshes = vec![walls.clone(), lamp.clone()];
     for t in walls.range {
         scene.triangles[t as usize].material = scene.triangles[0].material;

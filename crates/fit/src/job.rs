@@ -8,7 +8,7 @@ use super::optimiser::{
     Adam, CoarseHessian, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step,
     StepError,
 };
-use super::parameters::{Fit, ParameterError, Parameters, Per, Recovered};
+use super::parameters::{Fit, Groups, ParameterError, Parameters, Per, Recovered};
 use super::problem::{Evaluation, Problem};
 use super::regulariser::Regularisers;
 use super::renderer::{CostEstimate, RenderError, Renderer};
@@ -617,7 +617,7 @@ impl Job {
 }
 
 /// Groups of a fit: those stated, or where targets decide them segments of triangles, or the cameras of each set of photographs.
-fn groups(fit: &Fit, scene: &Scene, targets: &[Target]) -> Result<Option<Vec<(String, Vec<u32>)>>, String> {
+fn groups(fit: &Fit, scene: &Scene, targets: &[Target]) -> Result<Option<Groups>, String> {
     match (fit.quantity, fit.per) {
         _ if fit.groups.is_some() => Ok(fit.groups.clone()),
         (Quantity::Camera, _) if fit.together => Ok(Some(sets(targets))),
@@ -627,8 +627,8 @@ fn groups(fit: &Fit, scene: &Scene, targets: &[Target]) -> Result<Option<Vec<(St
 }
 
 /// The views of each set of photographs, by name; single pictures are one set.
-fn sets(targets: &[Target]) -> Vec<(String, Vec<u32>)> {
-    let mut sets: Vec<(String, Vec<u32>)> = Vec::new();
+fn sets(targets: &[Target]) -> Groups {
+    let mut sets: Groups = Vec::new();
     for (view, target) in (0..).zip(targets) {
         let name = target.set.as_deref().unwrap_or("pictures");
         match sets.iter_mut().find(|(known, _)| known == name) {

@@ -47,7 +47,7 @@ pub use job_file::JobFile;
 pub use lock::{FolderLock, LockError};
 pub use loss::{Loss, LossKind, PictureLoss};
 pub use noise::Noise;
-pub use parameters::{Fit, MotionKind, ParameterError, Parameters, Per, Recovered, Unseen};
+pub use parameters::{Fit, Groups, MotionKind, ParameterError, Parameters, Per, Recovered, Unseen};
 pub use photographs::{Photographs, USUAL_PIXELS};
 pub use problem::{Evaluation, Judged, Problem};
 pub use regulariser::{Regulariser, Regularisers};

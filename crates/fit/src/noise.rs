@@ -31,10 +31,18 @@ impl Noise {
         Self { shot: self.shot / pixels, read: self.read / pixels.sqrt() }
     }
 
-    /// Whether it is a noise: finite, not negative, not nothing.
-    pub fn is_valid(&self) -> bool {
+    /// Refuses what is not finite, negative, or nothing.
+    ///
+    /// # Errors
+    /// Says what it must be.
+    pub fn check(&self) -> Result<(), String> {
         let is_number = |value: f64| value >= 0.0 && value.is_finite();
-        is_number(self.shot) && is_number(self.read) && self.shot + self.read > 0.0
+        match is_number(self.shot) && is_number(self.read) && self.shot + self.read > 0.0 {
+            true => Ok(()),
+            false => {
+                Err(String::from("noise: `shot` and `read` must be finite and 0 or more, and not both 0"))
+            }
+        }
     }
 }
 
@@ -49,7 +57,9 @@ mod tests {
         assert!((noise.variance(-3.0) - 0.01).abs() < 1e-15);
         assert!((noise.scaled(5.0).variance(15.0) - 25.0 * noise.variance(3.0)).abs() < 1e-12);
         assert!((noise.of_means(4.0).variance(3.0) - noise.variance(3.0) / 4.0).abs() < 1e-15);
-        assert!(noise.is_valid() && !Noise::default().is_valid());
-        assert!(!Noise { shot: f64::NAN, ..noise }.is_valid() && !Noise { read: -1.0, ..noise }.is_valid());
+        assert!(noise.check().is_ok());
+        for wrong in [Noise::default(), Noise { shot: f64::NAN, ..noise }, Noise { read: -1.0, ..noise }] {
+            assert!(wrong.check().is_err(), "{wrong:?}");
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! Photographs of a set of cameras as targets.
 
+use super::noise::Noise;
 use super::response::Response;
 use super::segments::check_number;
 use super::target::{Target, open_mask, unreadable, weights};
@@ -69,6 +70,13 @@ impl Photographs {
     #[must_use]
     pub fn response(mut self, response: Option<Response>) -> Self {
         self.treatment.response = response;
+        self
+    }
+
+    /// Sets the noise of a pixel of the files, in units of white.
+    #[must_use]
+    pub fn noise(mut self, noise: Option<Noise>) -> Self {
+        self.treatment.noise = noise;
         self
     }
 

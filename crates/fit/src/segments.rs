@@ -1,6 +1,7 @@
 //! Triangles that segmentation pictures give the same label.
 
 use super::first_hits::first_hits;
+use super::parameters::Groups;
 use super::target::Target;
 use antirad_render::image::Label;
 use antirad_scene::{Rays, Scene};
@@ -18,7 +19,7 @@ type Votes = BTreeMap<(usize, Label), u32>;
 ///
 /// # Errors
 /// Fails if there are more than 256 labels.
-pub fn segments(scene: &Scene, targets: &[Target]) -> Result<Option<Vec<(String, Vec<u32>)>>, String> {
+pub fn segments(scene: &Scene, targets: &[Target]) -> Result<Option<Groups>, String> {
     if targets.iter().all(|target| target.labels.is_none()) {
         return Ok(None);
     }

@@ -1,6 +1,6 @@
 //! Selects the triangles, vertices or views of a [`Fit`], and groups those that share a value.
 
-use super::parameters::{Fit, MotionKind, ParameterError, Per};
+use super::parameters::{Fit, Groups, MotionKind, ParameterError, Per};
 use antirad_render::render::Quantity;
 use antirad_scene::{Scene, Welded, nearest};
 use std::collections::HashMap;
@@ -9,7 +9,7 @@ use std::collections::HashMap;
 #[derive(Debug)]
 pub(super) struct Selected {
     /// Groups with a name and the triangles (for positions vertices, for cameras views) that share a value. Groups are disjoint.
-    pub groups: Vec<(String, Vec<u32>)>,
+    pub groups: Groups,
     /// Mean length of the selected edges, m; 1 if there are none.
     pub edge: f64,
 }
@@ -54,7 +54,7 @@ pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
             "per = \"segment\" needs labels of pixels: add segments = \"seg/{name}.png\" to a [[target]] of photographs",
         ));
     }
-    let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
+    let mut groups: Groups = Vec::new();
     let mut group_of: HashMap<usize, usize> = HashMap::new();
     for (mesh, range) in scene.meshes.iter().map(|m| m.range.clone()).enumerate() {
         for t in range.filter(|&t| is_picked(mesh, t)) {
@@ -75,7 +75,7 @@ pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
 }
 
 /// A selection of triangles, unless it is empty.
-fn selected(groups: Vec<(String, Vec<u32>)>) -> Result<Selected, String> {
+fn selected(groups: Groups) -> Result<Selected, String> {
     match groups.is_empty() {
         true => Err(String::from("no triangle has both a given material and a given mesh; choose others")),
         false => Ok(Selected { groups, edge: 1.0 }),
@@ -94,7 +94,7 @@ fn vertices(scene: &Scene, fit: &Fit, meshes: Option<Vec<usize>>) -> Result<Sele
         used.dedup();
         used
     };
-    let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
+    let mut groups: Groups = Vec::new();
     if fit.motion == MotionKind::Vertices {
         let mut all: Vec<u32> = meshes.iter().flat_map(|&mesh| used(mesh)).collect();
         all.sort_unstable();
@@ -158,7 +158,7 @@ fn views(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
         groups.retain(|(_, of)| !of.is_empty());
         return some_cameras(groups);
     }
-    let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
+    let mut groups: Groups = Vec::new();
     for (view, camera) in chosen() {
         let same = |(_, views): &&mut (String, Vec<u32>)| scene.cameras[views[0] as usize] == *camera;
         match groups.iter_mut().find(same) {
@@ -170,7 +170,7 @@ fn views(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
 }
 
 /// A selection of cameras, unless it is empty.
-fn some_cameras(groups: Vec<(String, Vec<u32>)>) -> Result<Selected, String> {
+fn some_cameras(groups: Groups) -> Result<Selected, String> {
     match groups.is_empty() {
         true => Err(String::from("no camera is selected; name one of a target")),
         false => Ok(Selected { groups, edge: 1.0 }),

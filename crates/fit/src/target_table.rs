@@ -206,12 +206,8 @@ pub(super) fn read_targets(
 /// The noise stated.
 fn noise(file: &TomlFile, table: &TargetTable) -> Result<Option<Noise>, SceneError> {
     let Some(noise) = &table.noise else { return Ok(None) };
-    match noise.get_ref().is_valid() {
-        true => Ok(Some(*noise.get_ref())),
-        false => Err(file
-            .place(noise.span())
-            .error("noise: `shot` and `read` must be finite and 0 or more, and not both 0")),
-    }
+    noise.get_ref().check().map_err(|message| file.place(noise.span()).error(message))?;
+    Ok(Some(*noise.get_ref()))
 }
 
 /// The response stated.

@@ -50,6 +50,9 @@ impl MotionKind {
     }
 }
 
+/// Members that share a value, or move together, by name.
+pub type Groups = Vec<(String, Vec<u32>)>;
+
 /// One quantity to fit, where, and within which bounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
@@ -66,7 +69,7 @@ pub struct Fit {
     pub per: Per,
     /// Triangles that share a value, or views whose cameras move together, with a name for each group, in place of [`Self::per`]: for example candidates for lamps
     /// ([`candidates`](crate::candidates)). They must be among those selected.
-    pub groups: Option<Vec<(String, Vec<u32>)>>,
+    pub groups: Option<Groups>,
     /// For [`Per::Texel`]: columns and rows of each texture; `None`: 64.
     pub resolution: Option<u32>,
     /// For positions, and for cameras that move together: how they may change.
@@ -91,7 +94,7 @@ setters!(Fit {
     meshes: Option<Vec<String>>,
     cameras: Option<Vec<String>>,
     per: Per,
-    groups: Option<Vec<(String, Vec<u32>)>>,
+    groups: Option<Groups>,
     resolution: Option<u32>,
     motion: MotionKind,
     together: bool,

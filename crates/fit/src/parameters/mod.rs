@@ -13,7 +13,7 @@ mod recovered;
 mod textures;
 mod unseen;
 
-pub use asked::{Fit, MotionKind, Per};
+pub use asked::{Fit, Groups, MotionKind, Per};
 pub use recovered::Recovered;
 pub use unseen::Unseen;
 
