@@ -5,6 +5,7 @@ use super::scenes::{near, watch};
 use crate::support::{backend, finish};
 use antirad::fit::{EngineRenderer, JobFile, Renderer, RunOptions};
 use antirad::image::Picture;
+use antirad::render::Quantity;
 use antirad::scene::{Camera, Material, Mesh, Scene, SceneBuilder, Shape};
 use antirad_render::image::View;
 use antirad_scene::Rays;
@@ -121,13 +122,8 @@ const ALBEDO: &str = "parameter = \"albedo\"\nper = \"segment\"\ninitial = 0.35"
 fn each_segment_of_a_mesh_has_an_albedo() {
     let folder = folder();
     let mut job = load(folder.path(), SEGMENTS, ALBEDO).expect("a job").job;
-    let names: Vec<&str> = job
-        .problem()
-        .parameters
-        .groups_of(antirad::render::Quantity::Albedo)
-        .into_iter()
-        .map(|(name, _)| name)
-        .collect();
+    let names: Vec<&str> =
+        job.problem().parameters.groups_of(Quantity::Albedo).into_iter().map(|(name, _)| name).collect();
     assert_eq!(names, ["#00ff00", "#010203", "#ff0000"]);
     let backend = backend();
     let parameters = &job.problem().parameters;
@@ -144,7 +140,7 @@ fn each_segment_of_a_mesh_has_an_albedo() {
 }
 
 #[test]
-fn what_is_wrong_with_segments() {
+fn what_segments_are_for_and_what_is_wrong_with_them() {
     let folder = folder();
     let at = folder.path();
     let refused = |target: &str, fit: &str, parts: &[&str]| {
@@ -165,6 +161,12 @@ fn what_is_wrong_with_segments() {
     let job =
         load(at, SEGMENTS, &format!("{ALBEDO}\n[[fit]]\nmeshes = [\"walls\"]\n{lobes}")).expect("a job").job;
     assert_eq!(job.problem().parameters.len(), 3 * (3 + 3 + 1));
+    // What a job of photographs fits if it does not say.
+    let job = format!("scene = \"s.toml\"\n[[target]]\ncameras = \"t.json\"\n{SEGMENTS}\n");
+    std::fs::write(at.join("j.toml"), job).expect("written");
+    let file = JobFile::load(&at.join("j.toml")).expect("a job");
+    assert_eq!(file.job.problem().parameters.groups_of(Quantity::Albedo).len(), 4);
+    says(&file.warnings.join("\n"), &["each segment of other meshes has one albedo"]);
     // A picture alone has no frames.
     let job = "scene = \"s.toml\"\n[[target]]\npicture = \"a.exr\"\nsegments = \"s.png\"\n[[fit]]\nparameter = \"albedo\"\n";
     std::fs::write(at.join("j.toml"), job).expect("written");
