@@ -62,9 +62,9 @@ pub mod scene {
     #[doc(inline)]
     pub use antirad_scene::{
         BinLayout, Camera, CameraSet, Choice, Distortion, Focal, Frame, Intrinsics, LampFactor, Lamps, Lens,
-        LoadOptions, Material, Mesh, Movable, Normalization, Orient, Origin, Patterns, Precision, Projection,
-        Scene, SceneBuilder, SceneError, Shape, Similarity, Sky, SolveSettings, SolverChoice, Sun,
-        TextureRefined, Transport, Triangle, VisibilityChoice,
+        LoadOptions, Material, Mesh, Movable, Normalization, Orient, Origin, Painting, Patterns, Precision,
+        Projection, Scene, SceneBuilder, SceneError, Shape, Similarity, Sky, SolveSettings, SolverChoice,
+        Sun, TextureRefined, Transport, Triangle, VisibilityChoice,
     };
 }
 
@@ -134,7 +134,8 @@ pub mod render {
 pub mod image {
     #[doc(inline)]
     pub use antirad_render::image::{
-        Exposure, ImageError, MAX_SUPERSAMPLE, Photo, PhotoMask, Picture, PictureOptions, Rasterizer, ToneMap,
+        Exposure, ImageError, Label, MAX_SUPERSAMPLE, Photo, PhotoLabels, PhotoMask, Picture, PictureOptions,
+        Rasterizer, ToneMap,
     };
 }
 
@@ -143,11 +144,11 @@ pub mod fit {
     #[doc(inline)]
     pub use antirad_fit::{
         CHECKPOINT_FILES, CheckpointError, CostEstimate, EngineRenderer, Evaluation, Exposure, Fit, FitError,
-        FitProgress, FolderLock, Job, JobFile, Judged, LockError, Loss, LossKind, MotionKind, OnCheckpoint,
-        OptimiserKind, Outcome, OwnSquares, ParameterError, Parameters, Per, Photographs, PictureLoss,
-        Problem, Record, Recovered, Regulariser, Regularisers, RenderError, Renderer, Response,
+        FitProgress, FolderLock, Groups, Job, JobFile, Judged, LockError, Loss, LossKind, MotionKind, Noise,
+        OnCheckpoint, OptimiserKind, Outcome, OwnSquares, ParameterError, Parameters, Per, Photographs,
+        PictureLoss, Problem, Record, Recovered, Regulariser, Regularisers, RenderError, Renderer, Response,
         ResponseCurve, RunOptions, Sensor, Settings, State, Status, Stop, StopRule, Target, TargetError,
-        TargetPicture, USUAL_PIXELS, UnknownResponse, Unseen, now, results,
+        TargetPicture, USUAL_PIXELS, UnknownResponse, Unseen, now, results, segments,
     };
 }
 

@@ -352,6 +352,8 @@ class Gradients:
     def vertices(self) -> NDArray[np.float64] | None: ...
     @property
     def camera(self) -> NDArray[np.float64] | None: ...
+    @property
+    def textures(self) -> list[NDArray[np.float64]] | None: ...
     def by_material(self, scene: Scene) -> Gradients: ...
 
 @final
@@ -364,6 +366,7 @@ class Renderer:
         gradients: Sequence[_Kind] = (),
         supersample: int = 4,
         shading: Literal["gathered", "face"] = "gathered",
+        textures: Sequence[tuple[str, int, int]] = (),
         backend: Backend | None = None,
     ) -> Renderer: ...
     def pictures(
@@ -376,6 +379,7 @@ class Renderer:
         power: ArrayLike | None = None,
         vertices: ArrayLike | None = None,
         camera: ArrayLike | None = None,
+        textures: Sequence[ArrayLike] = (),
     ) -> list[NDArray[np.float64]]: ...
     def pull_back(
         self,
@@ -388,6 +392,7 @@ class Renderer:
         power: ArrayLike | None = None,
         vertices: ArrayLike | None = None,
         camera: ArrayLike | None = None,
+        textures: Sequence[ArrayLike] = (),
     ) -> Gradients: ...
     @property
     def views(self) -> list[tuple[str, int, int]]: ...
@@ -440,7 +445,7 @@ class Fit:
         materials: Sequence[str] | None = None,
         meshes: Sequence[str] | None = None,
         cameras: Sequence[str] | None = None,
-        per: Literal["material", "mesh", "triangle", "texel"] = "material",
+        per: Literal["material", "mesh", "segment", "triangle", "texel"] = "material",
         resolution: int | None = None,
         motion: Literal["rigid", "translation", "scale", "similarity", "vertices"] = "rigid",
         together: bool = False,
@@ -454,7 +459,13 @@ class Fit:
 @final
 class Target:
     def __new__(
-        cls, camera: Camera, picture: ArrayLike, *, mask: ArrayLike | None = None, weight: float = 1.0
+        cls,
+        camera: Camera,
+        picture: ArrayLike,
+        *,
+        mask: ArrayLike | None = None,
+        weight: float = 1.0,
+        noise: tuple[float, float] | None = None,
     ) -> Target: ...
     @property
     def camera(self) -> Camera: ...
@@ -557,6 +568,8 @@ def load_targets(
     images: _Path | None = None,
     suffix: str | None = None,
     mask: _Path | None = None,
+    segments: _Path | None = None,
+    noise: tuple[float, float] | None = None,
     layer: str | None = None,
     every: int = 1,
     response: Literal["srgb", "linear", "gamma", "fit"] | None = None,

@@ -12,14 +12,18 @@ _renderers = weakref.WeakKeyDictionary()
 
 
 class Function:
-    """Pictures of some views of a scene, of the values that `kinds` names."""
+    """Pictures of some views of a scene, of the values of some kinds and of textures, in this order."""
 
-    def __init__(self, scene, kinds, views, supersample, shading, backend):
-        """Take the renderer of the last call with the same arguments, or a new one."""
+    def __init__(self, scene, kinds, textures, views, supersample, shading, backend):
+        """Take the renderer of the last call with the same arguments, or a new one.
+
+        `textures`: name of a mesh, rows and columns of each.
+        """
         self.kinds = tuple(kinds)
+        textures = tuple(textures)
         self.one = isinstance(views, str) or (views is None and len(scene.cameras) == 1)
         views = (views,) if isinstance(views, str) else views if views is None else tuple(views)
-        key = (self.kinds, views, supersample, shading, backend)
+        key = (self.kinds, textures, views, supersample, shading, backend)
         known, renderer = _renderers.get(scene, (None, None))
         if known != key:
             # First, so that its memory is free for the next one.
@@ -31,6 +35,7 @@ class Function:
                 gradients=list(self.kinds),
                 supersample=supersample,
                 shading=shading,
+                textures=textures,
                 backend=backend,
             )
             _renderers[scene] = (key, renderer)
@@ -43,14 +48,21 @@ class Function:
 
     def pictures(self, values):
         """Render at values, in the order of the kinds."""
-        return self.renderer.pictures(**dict(zip(self.kinds, values, strict=True)))
+        return self.renderer.pictures(**self._named(values))
 
     def pull_back(self, values, cotangents):
         """Compute derivatives by the values from those by the pictures."""
-        gradients = self.renderer.pull_back(cotangents, **dict(zip(self.kinds, values, strict=True)))
-        return [
-            derivative(gradients, kind, value.shape) for kind, value in zip(self.kinds, values, strict=True)
+        gradients = self.renderer.pull_back(cotangents, **self._named(values))
+        by_kinds = [
+            derivative(gradients, kind, value.shape) for kind, value in zip(self.kinds, values, strict=False)
         ]
+        return by_kinds + (gradients.textures or [])
+
+    def _named(self, values):
+        """Return the values as arguments of the renderer."""
+        count = len(self.kinds)
+        kinds = dict(zip(self.kinds, values[:count], strict=True))
+        return kinds | {"textures": list(values[count:])}
 
 
 def derivative(gradients, kind, shape):
@@ -59,6 +71,15 @@ def derivative(gradients, kind, shape):
     if kind == "camera":
         by_values = by_values[:, : shape[-2]]
     return by_values.reshape(shape)
+
+
+def sizes(textures):
+    """Return name, rows and columns of each texture of a dictionary from meshes to texels."""
+    for name, texels in textures.items():
+        if len(texels.shape) != 3 or texels.shape[2] != 3:
+            shape = tuple(texels.shape)
+            raise ValueError(f"the texture of {name!r} has the shape {shape}; it must be (rows, columns, 3)")
+    return [(name, *texels.shape[:2]) for name, texels in textures.items()]
 
 
 def given(**values):

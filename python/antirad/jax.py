@@ -1,14 +1,14 @@
 """Pictures of a scene as a differentiable function for JAX."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from antirad import Backend, Scene
-from antirad._function import Function, given
+from antirad._function import Function, given, sizes
 
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(0,))
@@ -53,6 +53,7 @@ def render(
     power: jax.typing.ArrayLike | None = None,
     vertices: jax.typing.ArrayLike | None = None,
     camera: jax.typing.ArrayLike | None = None,
+    textures: Mapping[str, jax.typing.ArrayLike] | None = None,
     views: str | Sequence[str] | None = None,
     supersample: int = 4,
     shading: str = "gathered",
@@ -77,8 +78,8 @@ def render(
         vertices=vertices,
         camera=camera,
     )
-    function = Function(scene, values, views, supersample, shading, backend)
-    pictures = _pictures(
-        function, [jnp.asarray(value, jnp.result_type(float, value)) for value in values.values()]
-    )
+    textures = {name: jnp.asarray(texels) for name, texels in (textures or {}).items()}
+    function = Function(scene, values, sizes(textures), views, supersample, shading, backend)
+    arrays = [*values.values(), *textures.values()]
+    pictures = _pictures(function, [jnp.asarray(value, jnp.result_type(float, value)) for value in arrays])
     return pictures[0] if function.one else tuple(pictures)

@@ -1,12 +1,12 @@
 """Pictures of a scene as a differentiable function for PyTorch."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
 
 from antirad import Backend, Scene
-from antirad._function import Function, given
+from antirad._function import Function, given, sizes
 
 
 class _Pictures(torch.autograd.Function):
@@ -52,6 +52,7 @@ def render(
     power: torch.Tensor | None = None,
     vertices: torch.Tensor | None = None,
     camera: torch.Tensor | None = None,
+    textures: Mapping[str, torch.Tensor] | None = None,
     views: str | Sequence[str] | None = None,
     supersample: int = 4,
     shading: str = "gathered",
@@ -75,6 +76,9 @@ def render(
         vertices: Positions, (V, 3), metres.
         camera: Position and target of each view, (n, 2, 3), or (2, 3) for one, metres; with up (n, 3, 3)
             or (3, 3).
+        textures: Albedo of the texels of a mesh by its name, (rows, columns, 3) each, from 0 to below 1, in
+            place of that of its materials. The first row is at v = 0 of its texture coordinates: the top of a
+            picture of glTF, and the bottom of one of OBJ. A mesh without any gets those of an atlas.
         views: Names of cameras, or one name; by default all cameras of the scene.
         supersample: Samples along each side of a pixel, a power of two.
         shading: "gathered" (direct light at each visible point, indirect light interpolated) or "face" (one
@@ -102,6 +106,8 @@ def render(
         vertices=vertices,
         camera=camera,
     )
-    function = Function(scene, values, views, supersample, shading, backend)
-    pictures = _Pictures.apply(function, *(torch.as_tensor(value) for value in values.values()))
+    textures = {name: torch.as_tensor(texels) for name, texels in (textures or {}).items()}
+    function = Function(scene, values, sizes(textures), views, supersample, shading, backend)
+    tensors = [torch.as_tensor(value) for value in values.values()]
+    pictures = _Pictures.apply(function, *tensors, *textures.values())
     return pictures[0] if function.one else pictures

@@ -14,7 +14,7 @@ use antirad::render::SceneGradient;
 use antirad::render::{Light, Reflections, Shading};
 use antirad::{Cotangent, EngineError, SolveParams};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyList};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A planned scene on a backend.
@@ -296,7 +296,7 @@ impl Engine {
             })
             .map_err(Raise::raise)
         })?;
-        Gradients::of(py, gradients.into())
+        Gradients::of(py, gradients.into(), &[])
     }
 }
 
@@ -386,11 +386,14 @@ pub struct Gradients {
     vertices: Option<Py<PyAny>>,
     /// By position and target, per metre, and up of each camera, float64 (n, 3, 3).
     camera: Option<Py<PyAny>>,
+    /// By the texels of each texture, a list of float64 (rows, columns, 3).
+    textures: Option<Py<PyAny>>,
 }
 
 impl Gradients {
-    pub fn of(py: Python<'_>, gradient: SceneGradient) -> PyResult<Self> {
-        let SceneGradient { emission, suns, diffuse, albedo, specular, power, positions, cameras, texels: _ } =
+    /// `columns`: those of each texture.
+    pub fn of(py: Python<'_>, gradient: SceneGradient, columns: &[u32]) -> PyResult<Self> {
+        let SceneGradient { emission, suns, diffuse, albedo, specular, power, positions, cameras, texels } =
             gradient;
         let rows =
             |of: Option<Vec<DVec3>>| of.map(|of| PyResult::Ok(arrays::points(py, of)?.unbind())).transpose();
@@ -414,6 +417,7 @@ impl Gradients {
             power: numbers(power)?,
             vertices: rows(positions)?,
             camera: cameras.transpose()?,
+            textures: if columns.is_empty() { None } else { Some(textures(py, texels, columns)?) },
         })
     }
 }
@@ -445,12 +449,13 @@ impl Gradients {
             cameras: None,
             texels: None,
         };
-        let sums = Self::of(py, per_triangle.by_material(&scene.inner))?;
+        let sums = Self::of(py, per_triangle.by_material(&scene.inner), &[])?;
         let (suns, vertices, camera) = (&self.suns, &self.vertices, &self.camera);
         Ok(Self {
             suns: suns.as_ref().map(|of| of.clone_ref(py)),
             vertices: vertices.as_ref().map(|of| of.clone_ref(py)),
             camera: camera.as_ref().map(|of| of.clone_ref(py)),
+            textures: self.textures.as_ref().map(|of| of.clone_ref(py)),
             ..sums
         })
     }
@@ -464,10 +469,20 @@ impl Gradients {
             ("power", self.power.is_some()),
             ("vertices", self.vertices.is_some()),
             ("camera", self.camera.is_some()),
+            ("textures", self.textures.is_some()),
         ];
         let names: Vec<&str> = kinds.into_iter().filter(|(_, there)| *there).map(|(name, _)| name).collect();
         format!("<Gradients by {}>", names.join(", "))
     }
+}
+
+/// Derivatives by the texels of textures with so many columns.
+fn textures(py: Python<'_>, texels: Option<Vec<Vec<DVec3>>>, columns: &[u32]) -> PyResult<Py<PyAny>> {
+    let of = |(texels, columns): (Vec<DVec3>, &u32)| {
+        arrays::picture::<f64>(py, texels.into_iter().map(Into::into).collect(), *columns)
+    };
+    let arrays = texels.unwrap_or_default().into_iter().zip(columns).map(of).collect::<PyResult<Vec<_>>>()?;
+    Ok(PyList::new(py, arrays)?.into_any().unbind())
 }
 
 /// Refuses what is not a power of two early, where only the picture would.

@@ -7,8 +7,8 @@ use crate::plan::from_json;
 use crate::scene::{Camera, Scene};
 use crate::work::{self, Report, callback, record_dict};
 use antirad::fit::{
-    self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, OnCheckpoint, Photographs, Response,
-    RunOptions, Settings, StopRule, USUAL_PIXELS,
+    self, EngineRenderer, FitError, FolderLock, Job, JobFile, LockError, Noise, OnCheckpoint, Photographs,
+    Response, RunOptions, Settings, StopRule, USUAL_PIXELS,
 };
 use antirad::glam::DVec3;
 use antirad::output::prepare_directory;
@@ -24,11 +24,12 @@ use std::path::PathBuf;
 ///     materials: Names of materials; triangles with both a material and a mesh listed are fitted. None: all.
 ///     meshes: Names of meshes. None: all.
 ///     cameras: Names of the cameras of targets, for "camera". None: all.
-///     per: Which triangles share a value: "material", "mesh" or "triangle"; or "texel", an albedo as a texture for each mesh with
-///         texture coordinates.
+///     per: Which triangles share a value: "material", "mesh", "segment" (of `load_targets`) or "triangle"; or "texel", an albedo as a
+///         texture for each mesh.
 ///     resolution: Columns and rows of such a texture; by default 64.
-///     motion: How positions may change: "rigid", "translation", "scale", "similarity" or "vertices".
-///     together: Whether the meshes move as one body.
+///     motion: How positions may change, or cameras together: "rigid", "translation", "scale" or "similarity"; positions also as
+///         "vertices".
+///     together: Whether the meshes move as one body, or the cameras of each set of photographs do.
 ///     lower: Lower bound, one number or three, in the unit of the quantity; for positions and cameras of the displacement,
 ///         metres.
 ///     upper: Upper bound.
@@ -93,9 +94,11 @@ impl Fit {
 ///     picture: Linear RGB, (height, width, 3), W/(m² sr), rows from the top.
 ///     mask: Weight of each pixel, (height, width), 0 to 1; by default 1.
 ///     weight: Weight relative to other pictures.
+///     noise: Shot and read noise: a channel v has the variance shot · v + read². The losses "huber" and "relative-l2" count for less
+///         what it may have changed.
 ///
 /// Raises:
-///     ValueError: An array has the wrong shape.
+///     ValueError: An array has the wrong shape, or a noise is negative or nothing.
 ///     PictureError: A pixel that counts is not finite, or none counts.
 #[pyclass(frozen, module = "antirad", skip_from_py_object)]
 #[derive(Clone)]
@@ -106,8 +109,14 @@ pub struct Target {
 #[pymethods]
 impl Target {
     #[new]
-    #[pyo3(signature = (camera, picture, *, mask=None, weight=1.0))]
-    fn new(camera: &Camera, picture: Numbers, mask: Option<Numbers>, weight: f64) -> PyResult<Self> {
+    #[pyo3(signature = (camera, picture, *, mask=None, weight=1.0, noise=None))]
+    fn new(
+        camera: &Camera,
+        picture: Numbers,
+        mask: Option<Numbers>,
+        weight: f64,
+        noise: Option<(f64, f64)>,
+    ) -> PyResult<Self> {
         let camera = camera.inner.clone();
         let pixels = arrays::pixels("picture", &picture, camera.width, camera.height)?;
         let mask = match mask {
@@ -124,7 +133,8 @@ impl Target {
             }
             None => None,
         };
-        Ok(Self { inner: fit::Target::new(camera, pixels, mask, weight).or_raise()? })
+        let inner = fit::Target::new(camera, pixels, mask, weight).or_raise()?;
+        Ok(Self { inner: fit::Target { noise: checked(noise)?, ..inner } })
     }
 
     /// The camera that took it.
@@ -143,6 +153,13 @@ impl Target {
     fn __repr__(&self) -> String {
         format!("<Target of camera {:?}>", self.inner.camera.name)
     }
+}
+
+/// A noise, unless it is none.
+fn checked(noise: Option<(f64, f64)>) -> PyResult<Option<Noise>> {
+    let noise = noise.map(|(shot, read)| Noise { shot, read });
+    noise.iter().try_for_each(Noise::check).map_err(invalid)?;
+    Ok(noise)
 }
 
 /// An assumption about the scene, with its weight relative to the loss of the pictures.
@@ -450,6 +467,8 @@ pub fn load_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
 ///     images: Folder of the pictures, if not that of the set.
 ///     suffix: Suffix of the pictures, if not that in the set, such as ".exr".
 ///     mask: Path of masks, in which `{name}` stands for the name of the frame.
+///     segments: Path of segmentation pictures in the same way: one colour for each material, for `Fit(per="segment")`.
+///     noise: Shot and read noise of a pixel of the files, in units of white, as of `Target`.
 ///     layer: Layer of EXR files.
 ///     every: Each n-th frame only.
 ///     response: How numbers of integer formats follow from radiance: "srgb", "linear", "gamma", or "fit", one curve for all pictures
@@ -460,12 +479,12 @@ pub fn load_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Vec<Camera>> {
 /// Raises:
 ///     SceneError: The set cannot be read.
 ///     PictureError: A picture cannot be read, or does not fit its camera; the message names the frame.
-///     ValueError: `every` or `pixels` is 0, `response` is unknown, or `gamma` is not above 0.
+///     ValueError: `every` or `pixels` is 0, `response` is unknown, `gamma` is not above 0, or a noise is negative or nothing.
 #[pyfunction]
-#[pyo3(signature = (path, *, images=None, suffix=None, mask=None, layer=None, every=1, response=None, gamma=2.2,
-    pixels=USUAL_PIXELS),
-    text_signature = "(path, *, images=None, suffix=None, mask=None, layer=None, every=1, response=None, gamma=2.2, \
-    pixels=2_000_000)")]
+#[pyo3(signature = (path, *, images=None, suffix=None, mask=None, segments=None, noise=None, layer=None, every=1, response=None,
+    gamma=2.2, pixels=USUAL_PIXELS),
+    text_signature = "(path, *, images=None, suffix=None, mask=None, segments=None, noise=None, layer=None, every=1, \
+    response=None, gamma=2.2, pixels=2_000_000)")]
 #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
 pub fn load_targets(
     py: Python<'_>,
@@ -473,6 +492,8 @@ pub fn load_targets(
     images: Option<PathBuf>,
     suffix: Option<String>,
     mask: Option<PathBuf>,
+    segments: Option<PathBuf>,
+    noise: Option<(f64, f64)>,
     layer: Option<String>,
     every: usize,
     response: Option<&str>,
@@ -487,11 +508,12 @@ pub fn load_targets(
     if every == 0 || pixels == 0 {
         return Err(invalid("every and pixels must be 1 or more".to_owned()));
     }
+    let noise = checked(noise)?;
     let targets = work::run(py, None, move |_| -> PyResult<_> {
         let mut set = CameraSet::read(&path).or_raise()?;
         set.frames = set.frames.into_iter().step_by(every).collect();
         let photographs = Photographs::new(set).images(images).suffix(suffix).mask(mask).layer(layer);
-        let photographs = photographs.response(response);
+        let photographs = photographs.segments(segments).noise(noise).response(response);
         let shrink = photographs.shrink_to(pixels);
         photographs.shrink(shrink).targets().map_err(exceptions::PictureError::new_err)
     })??;

@@ -12,6 +12,7 @@ mod picture;
 mod plan;
 mod renderer;
 mod scene;
+mod textures;
 mod work;
 
 use pyo3::prelude::*;

@@ -6,6 +6,7 @@ use crate::engine::{Gradients, check_supersample};
 use crate::errors::{OrRaise, Raise, invalid, word};
 use crate::plan::request;
 use crate::scene::{Scene, Values};
+use crate::textures::{Size, Textures};
 use crate::work;
 use antirad::Watch;
 use antirad::fit::{EngineRenderer, Renderer as _};
@@ -28,6 +29,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///     supersample: Samples along each side of a pixel, a power of two.
 ///     shading: "gathered" (direct light at each visible point, indirect light interpolated) or "face" (one colour per
 ///         triangle), which derivatives by "camera" require.
+///     textures: Meshes whose albedo is a texture, which `pictures` takes: name, rows and columns of each. A mesh without texture
+///         coordinates gets those of an atlas.
 ///     backend: By default the one that all such calls share, of the kind that the settings of the scene name.
 ///
 /// Raises:
@@ -35,6 +38,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[pyclass(frozen, module = "antirad")]
 pub struct Renderer {
     base: Arc<scene::Scene>,
+    textures: Textures,
     cameras: Vec<Camera>,
     gradients: GradientRequest,
     inner: Arc<Mutex<State>>,
@@ -60,6 +64,7 @@ impl Point {
         self.scene.materials == other.scene.materials
             && self.scene.vertices == other.scene.vertices
             && self.scene.cameras == other.scene.cameras
+            && self.scene.patterns.same_texels(&other.scene.patterns)
     }
 }
 
@@ -73,7 +78,7 @@ impl State {
 }
 
 impl Renderer {
-    fn point(&self, values: &Values, camera: Option<&Numbers>) -> PyResult<Point> {
+    fn point(&self, values: &Values, camera: Option<&Numbers>, textures: &[Numbers]) -> PyResult<Point> {
         let mut scene = values.applied(&self.base)?;
         scene.cameras = self.moved(camera)?;
         if values.vertices.is_some() {
@@ -82,6 +87,7 @@ impl Renderer {
             moved.check(false).or_raise()?;
             scene.degenerate = moved.degenerate;
         }
+        let scene = self.textures.applied(scene, textures)?;
         // Light is linear in emission, so that differences of scenes can be rendered, too.
         let positive = scene.materials.iter().all(|m| m.emission.iter().all(|&e| e >= 0.0));
         if positive {
@@ -135,8 +141,10 @@ impl Renderer {
 #[pymethods]
 impl Renderer {
     #[new]
-    #[pyo3(signature = (scene, *, views=None, gradients=vec![], supersample=4, shading="gathered", backend=None),
-        text_signature = "(scene, *, views=None, gradients=(), supersample=4, shading='gathered', backend=None)")]
+    #[pyo3(signature = (scene, *, views=None, gradients=vec![], supersample=4, shading="gathered", textures=vec![],
+        backend=None),
+        text_signature = "(scene, *, views=None, gradients=(), supersample=4, shading='gathered', textures=(), backend=None)")]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn new(
         py: Python<'_>,
         scene: &Scene,
@@ -144,14 +152,19 @@ impl Renderer {
         gradients: Vec<String>,
         supersample: u32,
         shading: &str,
+        textures: Vec<Size>,
         backend: Option<&Backend>,
     ) -> PyResult<Self> {
         check_supersample(supersample)?;
         let shading: Shading = word("shading", shading)?;
         let cameras = scene.chosen(views)?;
+        let textures = Textures::new(&scene.inner, &textures)?;
+        let paintings = textures.paintings();
         let gradients = request(&gradients)?;
+        // Derivatives by texels are made of those by albedo.
+        let gradients = gradients.albedo(gradients.albedo || !paintings.is_empty());
         let backend = backend::chosen(py, backend, scene.inner.settings.backend)?;
-        let mut planning = (*scene.inner).clone();
+        let mut planning = textures.scene().clone();
         if gradients.lobes() {
             // Lobes that may appear.
             for material in &mut planning.materials {
@@ -167,11 +180,17 @@ impl Renderer {
                 watch()
             });
             EngineRenderer::new(&backend, planning, supersample, gradients, watch)
-                .map(|renderer| renderer.shading(shading).independent())
+                .map(|renderer| renderer.shading(shading).independent().paintings(paintings))
         })?
         .or_raise()?;
         let state = State { renderer, watch, latest: None };
-        Ok(Self { base: scene.inner.clone(), cameras, gradients, inner: Arc::new(Mutex::new(state)) })
+        Ok(Self {
+            base: scene.inner.clone(),
+            textures,
+            cameras,
+            gradients,
+            inner: Arc::new(Mutex::new(state)),
+        })
     }
 
     /// One picture per view, float64 (height, width, 3): linear RGB, rows from the top, W/(m² sr).
@@ -184,12 +203,15 @@ impl Renderer {
     ///     power: p of each material, (M,).
     ///     vertices: Positions, (V, 3), metres.
     ///     camera: Position and target of each view, (n, 2, 3), or (2, 3) for one, metres; or with up, (n, 3, 3) or (3, 3).
+    ///     textures: Albedo ρ of the texels of each texture, (rows, columns, 3), in place of that of the materials of its mesh.
     ///
     /// Raises:
     ///     ValueError: An array has the wrong shape.
     ///     SceneError: The values are no valid scene.
     ///     SolveError: The scene has no solution.
-    #[pyo3(signature = (*, emission=None, albedo=None, specular=None, diffuse=None, power=None, vertices=None, camera=None))]
+    #[pyo3(signature = (*, emission=None, albedo=None, specular=None, diffuse=None, power=None, vertices=None, camera=None,
+        textures=vec![]), text_signature = "($self, *, emission=None, albedo=None, specular=None, diffuse=None, power=None, \
+        vertices=None, camera=None, textures=())")]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn pictures<'py>(
         &self,
@@ -201,9 +223,10 @@ impl Renderer {
         power: Option<Numbers>,
         vertices: Option<Numbers>,
         camera: Option<Numbers>,
+        textures: Vec<Numbers>,
     ) -> PyResult<Vec<Array<'py>>> {
         let values = Values { vertices, emission, albedo, specular, diffuse, power };
-        let point = self.point(&values, camera.as_ref())?;
+        let point = self.point(&values, camera.as_ref(), &textures)?;
         let pictures = self.with(py, move |state| state.pictures(&point))?;
         let views = pictures.into_iter().zip(&self.cameras);
         let rgb = |pixels: Vec<DVec3>| pixels.into_iter().map(Into::into).collect();
@@ -214,7 +237,7 @@ impl Renderer {
     ///
     /// Args:
     ///     by_pixels: Derivative of the loss by each picture, (height, width, 3) each.
-    ///     emission, albedo, specular, diffuse, power, vertices, camera: The point, as in `pictures`. If the latest pictures
+    ///     emission, albedo, specular, diffuse, power, vertices, camera, textures: The point, as in `pictures`. If the latest pictures
     ///         are those of another one they are made again.
     ///
     /// Returns:
@@ -224,7 +247,8 @@ impl Renderer {
     ///     ValueError: An array has the wrong shape, or no gradients are planned.
     ///     SolveError: The adjoint has no solution.
     #[pyo3(signature = (by_pixels, *, emission=None, albedo=None, specular=None, diffuse=None, power=None, vertices=None,
-        camera=None))]
+        camera=None, textures=vec![]), text_signature = "($self, by_pixels, *, emission=None, albedo=None, specular=None, \
+        diffuse=None, power=None, vertices=None, camera=None, textures=())")]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn pull_back(
         &self,
@@ -237,6 +261,7 @@ impl Renderer {
         power: Option<Numbers>,
         vertices: Option<Numbers>,
         camera: Option<Numbers>,
+        textures: Vec<Numbers>,
     ) -> PyResult<Gradients> {
         if !self.gradients.any() {
             return Err(invalid("no derivatives are planned; name them in Renderer(gradients=[...])"));
@@ -250,7 +275,7 @@ impl Renderer {
             .map(|(numbers, camera)| arrays::pixels("by_pixels", numbers, camera.width, camera.height))
             .collect::<PyResult<_>>()?;
         let values = Values { vertices, emission, albedo, specular, diffuse, power };
-        let point = self.point(&values, camera.as_ref())?;
+        let point = self.point(&values, camera.as_ref(), &textures)?;
         let request = self.gradients;
         let gradient = self.with(py, move |state| {
             if !state.latest.as_ref().is_some_and(|latest| latest.is(&point)) {
@@ -258,11 +283,11 @@ impl Renderer {
             }
             let pulled = state.renderer.pull_back(&by_pixels, request).map_err(Raise::raise)?;
             match pulled {
-                Some(gradient) => Ok(gradient.by_material(&point.scene)),
+                Some(gradient) => Ok(gradient),
                 None => unreachable!("the pictures are there"),
             }
         })?;
-        Gradients::of(py, gradient)
+        Gradients::of(py, self.textures.pull_back(&self.base, gradient), &self.textures.columns())
     }
 
     /// Name, width and height of each view.

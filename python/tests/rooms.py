@@ -80,3 +80,36 @@ def room(width=12, height=8, cells=2):
 def exact(scene):
     """The same scene, solved in double precision nearly to its end."""
     return scene.with_settings(precision="f64", tolerance=1e-11)
+
+
+def textured(folder, width=12, height=8):
+    """A floor of 3 x 3 quads with texture coordinates in front of a wall, under a lamp, from a file."""
+    lines = ["mtllib s.mtl", "o floor", "usemtl grey"]
+    for row in range(4):
+        for column in range(4):
+            x, z = column / 3, row / 3
+            lines += [f"v {x} 0 {z}", f"vt {0.05 + 0.9 * x} {0.05 + 0.9 * z}"]
+    for row in range(3):
+        for column in range(3):
+            a = 4 * row + column + 1
+            b, c, d = a + 1, a + 5, a + 4
+            lines += [f"f {a}/{a} {d}/{d} {c}/{c}", f"f {a}/{a} {c}/{c} {b}/{b}"]
+    lines += ["o wall", "usemtl grey", "v 0 0 0", "v 1 0 0", "v 1 1 0", "v 0 1 0", "f -4 -3 -2", "f -4 -2 -1"]
+    lines += [
+        "o lamp",
+        "usemtl lamp",
+        "v .3 1 .3",
+        "v .7 1 .3",
+        "v .7 1 .7",
+        "v .3 1 .7",
+        "f -4 -3 -2",
+        "f -4 -2 -1",
+    ]
+    (folder / "s.obj").write_text("\n".join(lines))
+    (folder / "s.mtl").write_text("newmtl grey\nKd .5 .5 .5\nnewmtl lamp\nKd 0 0 0\nKe 5 5 5\n")
+    (folder / "s.toml").write_text('[[mesh]]\npath = "s.obj"\nobjects = true\norient = "keep"\n')
+    camera = antirad.Camera(
+        (0.2, 1.2, 1.6), (0.5, 0.1, 0.4), fov_x_degrees=50, width=width, height=height, name="main"
+    )
+    scene = antirad.Scene.load(folder / "s.toml").replace(cameras=[camera])
+    return scene.with_settings(bins="4x6", near_field=4)

@@ -106,6 +106,25 @@ def photographs(folder, scene):
     return cameras
 
 
+def test_a_clear_picture_outweighs_a_noisy_one():
+    truth = room()
+    engine = antirad.Engine(truth)
+    picture = engine.render(engine.solve())
+    noisy = picture * (1 + 0.9 * np.sign(np.random.default_rng(1).standard_normal(picture.shape)))
+    start = truth.replace(albedo=[[0.3] * 3, [0.4] * 3, [0.1] * 3])
+    fits = [antirad.Fit("albedo", materials=["wall", "paint"])]
+
+    def error(noises):
+        pictures = zip((picture, noisy), noises, strict=True)
+        targets = [antirad.Target(truth.camera(), of, noise=noise) for of, noise in pictures]
+        found = antirad.fit(start, targets, fits, loss="relative-l2").scene.albedo
+        return np.abs(found - truth.albedo)[:2].max()
+
+    assert error([(0, 0.001), (0, 10)]) < 0.1 * error([None, None])
+    with pytest.raises(ValueError, match="not both 0"):
+        antirad.Target(truth.camera(), picture, noise=(0, 0))
+
+
 def pose(camera):
     """The columns right, up, backward and position."""
     backward = np.subtract(camera.position, camera.target)
@@ -134,6 +153,11 @@ def test_photographs_and_their_cameras_are_read(tmp_path):
     fits = [antirad.Fit("albedo", materials=["wall", "paint"])]
     result = antirad.fit(start, targets, fits, loss="relative-l2")
     assert result.scene.albedo[:2] == pytest.approx(truth.albedo[:2], abs=2e-3)
+    segments = tmp_path / "{name}.exr"
+    with pytest.raises(antirad.PictureError, match=r"main.*floats"):
+        antirad.load_targets(tmp_path / "transforms.json", segments=segments)
+    with pytest.raises(ValueError, match="not both 0"):
+        antirad.load_targets(tmp_path / "transforms.json", noise=(0, 0))
     with pytest.raises(antirad.PictureError, match=r"main.*\.hdr"):
         antirad.load_targets(tmp_path / "transforms.json", suffix=".hdr")
     with pytest.raises(ValueError, match="every"):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rooms import exact, room
+from rooms import exact, room, textured
 
 jax = pytest.importorskip("jax", reason="JAX is not installed")
 
@@ -33,6 +33,17 @@ def test_check_grads(scene, kinds):
         return antirad.jax.render(scene, **dict(zip(kinds, values, strict=True)))
 
     values = [jnp.asarray(getattr(scene, kind)) for kind in kinds]
+    check_grads(render, values, order=1, modes=["rev"], eps=1e-4, atol=1e-6, rtol=1e-5)
+
+
+def test_check_grads_by_texels(tmp_path):
+    scene = exact(textured(tmp_path, width=5, height=4))
+
+    def render(floor, emission):
+        return antirad.jax.render(scene, emission=emission, textures={"floor": floor})
+
+    texels = jnp.asarray(0.2 + 0.6 * np.random.default_rng(1).random((2, 3, 3)))
+    values = (texels, jnp.asarray(scene.emission))
     check_grads(render, values, order=1, modes=["rev"], eps=1e-4, atol=1e-6, rtol=1e-5)
 
 

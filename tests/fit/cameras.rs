@@ -4,7 +4,7 @@ use crate::scenes::{coarse, of, watch};
 use crate::support::{backend, finish};
 use antirad::backend::{Backend, BackendKind};
 use antirad::fit::{
-    EngineRenderer, Fit, Job, OnCheckpoint, Renderer, RunOptions, Settings, StopRule, Target,
+    EngineRenderer, Fit, Job, MotionKind, OnCheckpoint, Renderer, RunOptions, Settings, StopRule, Target,
 };
 use antirad::plan::GradientRequest;
 use antirad::render::Quantity;
@@ -105,24 +105,73 @@ fn cameras_are_found_beside_materials() {
     finish(&backend);
 }
 
+/// A job with three cameras that are off together: by a degree, a percent of all distances, and two centimetres; and with the albedo of the box.
+fn job_of_set(backend: &Backend, scene: &Scene, supersample: u32) -> Job {
+    let centre = DVec3::new(2.0, 1.0, 0.0);
+    let turn = DQuat::from_scaled_axis(DVec3::new(0.5, -0.7, 0.5).map(f64::to_radians));
+    let place = |place: DVec3| centre + 1.01 * (turn * (place - centre)) + DVec3::new(0.012, -0.01, 0.012);
+    let off = |camera: &Camera| {
+        let (position, target) = (place(camera.position), place(camera.target));
+        Camera { position, target, up: turn * camera.up, ..camera.clone() }
+    };
+    let given: Vec<Camera> = scene.cameras.iter().map(off).collect();
+    let set = Fit::new(Quantity::Camera).together(true).motion(MotionKind::Similarity);
+    let settings = Settings::new(vec![of(Quantity::Albedo, &["box"], 0.4), set]).supersample(supersample);
+    let targets = targets(backend, scene, &given, supersample.min(16));
+    let targets =
+        targets.into_iter().map(|target| Target { set: Some("photos".to_owned()), ..target }).collect();
+    Job::new("test", scene.clone(), targets, settings).expect("a job")
+}
+
+#[test]
+fn a_set_of_cameras_is_found_by_a_similarity() {
+    let (backend, scene) = (backend(), scene());
+    let mut job = job_of_set(&backend, &scene, 8);
+    assert_eq!(job.problem().parameters.len(), 3 + 7);
+    let mut renderer = renderer(&backend, &job);
+    let options = RunOptions::default().stop(StopRule::default().iterations(30).loss(2e-8));
+    let outcome = job.run(&mut renderer, &options, &mut |_, _| ControlFlow::Continue(()));
+    let outcome = outcome.expect("an outcome");
+    for camera in &scene.cameras {
+        let (way, angle) = apart(outcome.scene.camera(&camera.name).expect("a camera"), camera);
+        println!("{}: {:.2} mm, {angle:.4} degrees", camera.name, 1e3 * way);
+        assert!(way <= 3e-3 && angle <= 0.05, "{}: {way} m, {angle} degrees", camera.name);
+    }
+    crate::scenes::near(&outcome, "camera scale", "photos", &[1.0 / 1.01], 1e-3);
+    crate::scenes::near(&outcome, "albedo", "box", &[0.6, 0.3, 0.2], 1e-2);
+    drop(renderer);
+    finish(&backend);
+}
+
+#[test]
+fn the_gradient_by_a_similarity_is_that_of_differences() {
+    let (backend, scene) = (backend(), rolled());
+    slopes_are_differences(&backend, &job_of_set(&backend, &scene, 16), 0.3);
+}
+
 #[test]
 fn the_gradient_by_poses_is_that_of_differences() {
-    slopes_are_differences(0.3);
+    let (backend, scene) = (backend(), rolled());
+    slopes_are_differences(&backend, &job(&backend, &scene, 8, 4.0), 0.3);
 }
 
 #[test]
 #[ignore = "takes long: another way"]
 fn the_gradient_by_poses_is_that_of_differences_another_way() {
-    slopes_are_differences(1.1);
+    let (backend, scene) = (backend(), rolled());
+    slopes_are_differences(&backend, &job(&backend, &scene, 8, 4.0), 1.1);
 }
 
-/// The mean derivative of the loss along a path of two cameras is its difference. They are rolled, so that edges cross rows of samples one by
-/// one, and some pixels off.
-fn slopes_are_differences(phase: f64) {
-    let (backend, mut scene) = (backend(), scene());
+/// The scene with cameras that are rolled, so that edges cross rows of samples one by one.
+fn rolled() -> Scene {
+    let mut scene = scene();
     scene.cameras.iter_mut().for_each(|camera| camera.up = DVec3::new(0.3, 1.0, 0.1));
-    let job = job(&backend, &scene, 8, 4.0);
-    let (problem, mut renderer) = (job.problem(), renderer(&backend, &job));
+    scene
+}
+
+/// The mean derivative of the loss along a path of cameras, which are some pixels off, is its difference.
+fn slopes_are_differences(backend: &Backend, job: &Job, phase: f64) {
+    let (problem, mut renderer) = (job.problem(), renderer(backend, job));
     let start = problem.parameters.start();
     let poses = problem.parameters.unknowns_of(Quantity::Camera);
     let mut way = vec![0.0; start.len()];
@@ -141,7 +190,7 @@ fn slopes_are_differences(phase: f64) {
     println!("{found:e} and {:e}: {error:.4}", after - before);
     assert!(error <= 5e-3, "{found}, but the difference is {}", after - before);
     drop(renderer);
-    finish(&backend);
+    finish(backend);
 }
 
 /// Six pictures per view give the columns of all poses, and no pose is seen in the picture of another camera.

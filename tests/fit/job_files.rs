@@ -2,7 +2,7 @@
 
 use crate::{SCENE, says};
 use antirad::backend::BackendChoice;
-use antirad::fit::{JobFile, LossKind, OptimiserKind};
+use antirad::fit::{JobFile, LossKind, Noise, OptimiserKind};
 use antirad::image::{Exposure, Picture, ToneMap};
 use antirad_scene::{linear_from_srgb, srgb_from_linear};
 use std::fs;
@@ -112,18 +112,20 @@ fn the_documented_keys_are_the_keys() {
         .collect();
     let text = text.replace("room.toml", "s.toml").replace("photo.exr", "p.exr").replace("green", "gloss");
     let text = text.replace("\"walls\"", "\"room\", \"box\", \"table\"").replace("mask = \"mask.png\"", "");
-    // Of integers alone, and of files of several layers.
-    let text = text.replace("response = ", "# ").replace("layer = ", "# ");
+    // Of integers alone, of files of several layers, and of other losses.
+    let text = text.replace("response = ", "# ").replace("layer = ", "# ").replace("noise = ", "# ");
     let frame =
         "{\"file_path\": \"r_0.jpg\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}";
     let set = format!("{{\"camera_angle_x\": 1, \"frames\": [{frame}]}}");
     let folder = folder(&[("j.toml", &text), ("transforms.json", &set)]);
-    for inner in ["photos", "masks"] {
+    for inner in ["photos", "masks", "seg"] {
         fs::create_dir(folder.path().join(inner)).expect("a folder");
     }
     picture(16, 12).write_exr(folder.path().join("photos/r_0.exr")).expect("written");
     let mask = image::GrayImage::from_pixel(16, 12, image::Luma([255]));
-    mask.save(folder.path().join("masks/r_0.png")).expect("written");
+    for inner in ["masks", "seg"] {
+        mask.save(folder.path().join(inner).join("r_0.png")).expect("written");
+    }
     let file = load(&folder).expect("a job");
     let sizes = file.job.problem().targets.iter().map(|target| (target.camera.width, target.camera.height));
     assert_eq!(sizes.collect::<Vec<_>>(), [(16, 12), (8, 6)]);
@@ -239,6 +241,27 @@ fn responses_of_cameras() {
 }
 
 #[test]
+fn noise_of_pictures() {
+    let noise = |keys: &str| job("weight = 2", &format!("noise = {keys}"));
+    let file =
+        load(&folder(&[("j.toml", &noise("{ shot = 1e-3, read = 0.02 }\nwhite = 5"))])).expect("a job");
+    // Floats have no white.
+    let of_floats = Noise { shot: 1e-3, read: 0.02 };
+    assert_eq!(file.job.problem().targets[0].noise, Some(of_floats));
+    let small = noise("{ read = 0.02 }").replace("p.exr", "large.exr");
+    let folder = folder(&[("j.toml", &small)]);
+    picture(64, 48).write_exr(folder.path().join("large.exr")).expect("written");
+    let file = load(&folder).expect("a job");
+    // A mean over 4 x 4 pixels.
+    assert_eq!(file.job.problem().targets[0].noise, Some(Noise { shot: 0.0, read: 0.005 }));
+    for keys in ["{ shot = -1 }", "{ read = nan }", "{}", "{ shot = 0, read = inf }"] {
+        refused(&noise(keys), &["j.toml:6", "`shot` and `read`"]);
+    }
+    refused(&noise("{ reed = 1 }"), &["j.toml:6", "did you mean `read`?"]);
+    refused(&noise("{ read = 1 }").replace("relative-l2", "l1"), &["j.toml:6", "huber and relative-l2"]);
+}
+
+#[test]
 fn a_view_of_its_own() {
     let view =
         "view = { position = [1, 1, 0.1], target = [1, 1, 2], fov_x_degrees = 60, width = 16, height = 12 }";
@@ -280,6 +303,14 @@ fn numbers_and_combinations_that_mean_nothing() {
     refused(&camera("materials = [\"wall\"]"), &["j.toml:8", "use `cameras` instead of `materials`"]);
     refused(&camera("per = \"mesh\""), &["`per` is for materials"]);
     refused(&camera("motion = \"rigid\""), &["`motion` is for parameter = \"position\""]);
+    refused(&camera("max_scale = 2"), &["j.toml:8", "`max_scale` is for", "together = true"]);
+    refused(&camera("together = true\nmotion = \"vertices\""), &["j.toml:8", "motion = \"similarity\""]);
+    refused(&camera("together = true\nmax_scale = 0.5"), &["j.toml:8", "max_scale is 0.5"]);
+    for (keys, unknowns) in [("", 7), ("motion = \"rigid\"", 6), ("max_scale = 1.1\nmotion = \"scale\"", 1)] {
+        let text = with_prior(camera(&format!("together = true\n{keys}")));
+        let file = load(&folder(&[("j.toml", &text)])).expect("a job");
+        assert_eq!(file.job.problem().parameters.len(), unknowns + 6, "{keys}");
+    }
     refused(&camera("initial = 0"), &["leave `initial` out"]);
     refused(&camera("max_rotation_degrees = 0"), &["max_rotation_degrees is 0"]);
     refused(&job("initial = 0.5", "cameras = [\"main\"]"), &["`cameras` is for parameter = \"camera\""]);

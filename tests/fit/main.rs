@@ -6,6 +6,7 @@ mod job_files;
 mod jobs;
 mod parameters;
 mod scenes;
+mod segments;
 #[path = "../support/mod.rs"]
 mod support;
 mod textures;

@@ -341,6 +341,61 @@ fn cameras_move_as_they_are() {
     assert!(recovered[2].value.iter().all(|angle| (angle - 5.0).abs() < 1e-12), "{:?}", recovered[2]);
 }
 
+/// Cameras that move together keep their places to each other but for a factor, and derivatives are exact.
+#[test]
+fn cameras_move_together() {
+    let mut scene = scene();
+    let first = scene.cameras[0].clone();
+    let position = first.position + DVec3::new(0.5, 0.2, 0.1);
+    scene.cameras.push(Camera { name: String::from("other"), position, ..first });
+    let together = fit(Quantity::Camera).together(true);
+    let similarity = together.clone().motion(MotionKind::Similarity);
+    let parameters = Parameters::new(&scene, &[similarity], 1.0).expect("parameters");
+    assert_eq!(parameters.len(), 7);
+    assert_eq!(parameters.scene(parameters.start()).cameras, scene.cameras);
+    let mut x = inside(&parameters, 0.7);
+    let moved = parameters.scene(&x).cameras;
+    let recovered = parameters.recovered(&x);
+    let found: Vec<(&str, &str, usize)> =
+        recovered.iter().map(|r| (r.quantity, &r.of[..], r.value.len())).collect();
+    let expected = [
+        ("camera displacement", "cameras", 3),
+        ("camera rotation vector", "cameras", 3),
+        ("camera scale", "cameras", 1),
+    ];
+    assert_eq!(found, expected);
+    let factor = recovered[2].value[0];
+    assert!((factor - 1.0).abs() > 1e-4);
+    let apart = |cameras: &[Camera]| (cameras[1].position - cameras[0].position).length();
+    assert!((apart(&moved) - factor * apart(&scene.cameras)).abs() < 1e-12);
+    assert!((moved[1].up.length() - scene.cameras[1].up.length()).abs() < 1e-12);
+    let loss = |x: &[f64]| {
+        let (value, gradient) = toy(&parameters.scene(x), parameters.gradient_request());
+        (value, parameters.pull_back(x, &gradient))
+    };
+    let (_, gradient) = loss(&x);
+    for i in 0..x.len() {
+        let h = 1e-4;
+        let mut at = |step: f64| {
+            x[i] += step;
+            let value = loss(&x).0;
+            x[i] -= step;
+            value
+        };
+        let numeric = (at(h) - at(-h)) / (2.0 * h);
+        assert!(
+            (numeric - gradient[i]).abs() < 1e-8 * (1.0 + numeric.abs()),
+            "{i}: {numeric}, {}",
+            gradient[i]
+        );
+    }
+    let rigid = Parameters::new(&scene, std::slice::from_ref(&together), 1.0).expect("parameters");
+    assert_eq!(rigid.len(), 6);
+    let vertices = together.motion(MotionKind::Vertices);
+    let error = Parameters::new(&scene, &[vertices], 1.0).expect_err("no vertices");
+    says(&error.to_string(), &["cameras that move together", "similarity"]);
+}
+
 /// Values that no view shows are reported per fit, and no others.
 #[test]
 fn unseen_values_are_counted() {

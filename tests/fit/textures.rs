@@ -69,7 +69,8 @@ fn fits() -> Vec<Fit> {
     let meshes = |name: &str| Some(vec![name.to_owned()]);
     vec![
         Fit::new(Quantity::Albedo).per(Per::Texel).resolution(Some(SIDE)).meshes(meshes("floor")),
-        Fit::new(Quantity::Albedo).per(Per::Mesh).meshes(meshes("wall")),
+        // Its material is that of the floor, too.
+        Fit::new(Quantity::Albedo).per(Per::Mesh).meshes(meshes("wall")).materials(meshes("grey")),
         Fit::new(Quantity::Emission).per(Per::Mesh).meshes(meshes("lamp")).initial(Some([3.0; 3])),
     ]
 }

@@ -3,9 +3,9 @@
 //! Candidates are generous. A fit of their emission, which cannot be negative, finds which of them shine: what is bright because a
 //! lamp lights it is explained by that lamp.
 
+use super::first_hits::first_hits;
 use super::median::median;
 use super::target::Target;
-use antirad_render::image::View;
 use antirad_scene::{Edges, Rays, Scene, Welded, free_name, sides};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -117,23 +117,17 @@ fn seen(scene: &Scene, targets: &[Target]) -> Vec<Seen> {
 
 /// What the pixels of a target show, by one ray each.
 fn look(scene: &Scene, rays: &Rays, target: &Target) -> Vec<Seen> {
-    let camera = &target.camera;
-    let view = View::new(camera);
     let [limit, limit_of_spot] = match target.clip {
         Some(clip) => [clip; 2],
         None => [BRIGHT, BRIGHT_SPOT].map(|factor| factor * usual_brightness(target)),
     };
     let mut seen = vec![Seen::default(); scene.triangles.len()];
-    let width = camera.width as usize;
-    for (at, pixel) in target.pixels.iter().enumerate().filter(|(at, _)| target.mask_at(*at) > 0.0) {
-        let ray = view.ray((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
-        if let Some((triangle, _)) = rays.nearest(camera.position, ray, None) {
-            let brightest = pixel.max_element();
-            let is_clipped = target.is_bound(at, brightest);
-            seen[triangle].pixels += 1;
-            seen[triangle].bright += u32::from(is_clipped || brightest >= limit);
-            seen[triangle].spot += u32::from(is_clipped || brightest >= limit_of_spot);
-        }
+    for (at, triangle) in first_hits(rays, target) {
+        let brightest = target.pixels[at].max_element();
+        let is_clipped = target.is_bound(at, brightest);
+        seen[triangle].pixels += 1;
+        seen[triangle].bright += u32::from(is_clipped || brightest >= limit);
+        seen[triangle].spot += u32::from(is_clipped || brightest >= limit_of_spot);
     }
     seen
 }
@@ -179,6 +173,7 @@ fn parts(scene: &Scene, welded: &Welded, triangles: Vec<u32>) -> Vec<Vec<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use antirad_render::image::View;
     use antirad_scene::{Camera, Material, SceneBuilder, Shape};
     use glam::DAffine3;
 

@@ -8,16 +8,18 @@ use super::optimiser::{
     Adam, CoarseHessian, KnownHessian, LeastSquares, Optimiser, QuasiNewton, QuasiNewtonOptions, Step,
     StepError,
 };
-use super::parameters::{ParameterError, Parameters, Recovered};
+use super::parameters::{Fit, Groups, ParameterError, Parameters, Per, Recovered};
 use super::problem::{Evaluation, Problem};
 use super::regulariser::Regularisers;
 use super::renderer::{CostEstimate, RenderError, Renderer};
+use super::segments::segments;
 use super::settings::{OptimiserKind, Settings, StopRule};
 use super::target::Target;
 use super::trail::Trail;
 use antirad_base::output::OutputError;
 use antirad_base::setters;
 use antirad_render::image::ImageError;
+use antirad_render::render::Quantity;
 use antirad_scene::{Camera, Choice, Scene, SceneError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -349,6 +351,11 @@ impl Job {
         let views = targets.iter().map(|target| target.camera.clone()).collect();
         let cameras = std::mem::replace(&mut scene.cameras, views);
         scene.cameras.iter().try_for_each(Camera::check)?;
+        let mut settings = settings;
+        for (fit, what) in settings.fits.iter_mut().enumerate() {
+            what.groups =
+                groups(what, &scene, &targets).map_err(|message| ParameterError { fit, message })?;
+        }
         // The solve settings stay the same from the first iteration to the last.
         scene.choice = Choice::STATED;
         scene.settings.tolerance = settings.tolerance.unwrap_or(scene.settings.tolerance.min(1e-5));
@@ -609,6 +616,29 @@ impl Job {
     }
 }
 
+/// Groups of a fit: those stated, or where targets decide them segments of triangles, or the cameras of each set of photographs.
+fn groups(fit: &Fit, scene: &Scene, targets: &[Target]) -> Result<Option<Groups>, String> {
+    match (fit.quantity, fit.per) {
+        _ if fit.groups.is_some() => Ok(fit.groups.clone()),
+        (Quantity::Camera, _) if fit.together => Ok(Some(sets(targets))),
+        (_, Per::Segment) => segments(scene, targets),
+        _ => Ok(None),
+    }
+}
+
+/// The views of each set of photographs, by name; single pictures are one set.
+fn sets(targets: &[Target]) -> Groups {
+    let mut sets: Groups = Vec::new();
+    for (view, target) in (0..).zip(targets) {
+        let name = target.set.as_deref().unwrap_or("pictures");
+        match sets.iter_mut().find(|(known, _)| known == name) {
+            Some((_, views)) => views.push(view),
+            None => sets.push((name.to_owned(), vec![view])),
+        }
+    }
+    sets
+}
+
 /// What an error before the first iteration means to a fit.
 pub(super) fn before_the_first(error: RenderError) -> FitError {
     match error {
@@ -740,7 +770,7 @@ fn identity(scene: &Scene, targets: &[Target], settings: &Settings) -> Result<Id
                 &target.mask,
                 target.weight,
                 (target.clip, &target.bounds),
-                (target.exposure, target.response),
+                (target.exposure, target.response, target.noise),
             ),
         )?;
     }

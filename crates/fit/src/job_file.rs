@@ -174,6 +174,7 @@ impl JobFile {
     /// white_balance = "known"        # the same of red and blue; photos of sets without `white` fit both unless either is stated
     /// response = "srgb"              # of integer formats; or "linear", "gamma" (with gamma = 2.2), "fit": one curve for this table
     /// clipped = "ignore"             # pixels at the end of an integer format; or "use", "bound" (where exposures are fitted)
+    /// noise = { shot = 1e-4, read = 3e-3 } # of a channel v, of white: a variance of shot v + read²
     /// layer = "ViewLayer.Combined"   # of an EXR with several
     ///
     /// [[target]]                     # one for each frame of a set of photographs
@@ -182,6 +183,7 @@ impl JobFile {
     /// suffix = ".exr"                # in place of that in the set
     /// every = 2                      # each second frame; or frames = ["r_0", "r_7"]
     /// mask = "masks/{name}.png"
+    /// segments = "seg/{name}.png"    # one colour for each material, for per = "segment"
     /// scale = 0.5                    # 1 over a whole number
     /// transform = [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]] # from the set's world to the scene's
     ///
@@ -189,7 +191,7 @@ impl JobFile {
     /// parameter = "albedo"           # or "emission", "diffuse", "specular", "power", "position", "camera"
     /// materials = ["red", "green"]   # default: all
     /// meshes = ["walls"]             # default: all; if both are given, triangles with both
-    /// per = "material"               # or "mesh", "triangle", "texel": a texture for each mesh
+    /// per = "material"               # or "mesh", "segment", "triangle", "texel": a texture for each mesh
     /// # resolution = 64              # of textures, columns and rows
     /// initial = 0.5                  # one number or RGB, as lower and upper; default: the scene's
     /// lower = 0
@@ -215,6 +217,7 @@ impl JobFile {
     /// lower = [-0.1, -0.1, -0.1]     # of the displacement, metres
     /// upper = [0.1, 0.1, 0.1]
     /// max_rotation_degrees = 5
+    /// # together = true              # those of each set as one body, by a similarity: or motion = "rigid", "translation", "scale"
     ///
     /// [loss]
     /// kind = "l2"                    # or "l1", "relative-l2", "log-l1", "huber"; the last is the default for sets
@@ -329,6 +332,13 @@ impl JobFile {
                     .into());
             }
         }
+        let noises = table.target.iter().filter_map(|target| target.get_ref().noise_span());
+        if let (LossKind::L1 | LossKind::L2 | LossKind::LogL1, Some(span)) =
+            (settings.loss, noises.into_iter().next())
+        {
+            let message = "`noise` weights the losses huber and relative-l2; state one as `kind` of [loss], or remove it";
+            return Err(place_of(span).error(message).into());
+        }
         for term in &table.regulariser {
             let regulariser =
                 term.get_ref().regulariser().map_err(|message| place_of(term.span()).error(message))?;
@@ -386,20 +396,31 @@ impl FitTable {
     fn fit(&self) -> Result<Fit, String> {
         let position = self.parameter == Quantity::Position;
         let camera = self.parameter == Quantity::Camera;
+        let together = camera && self.together == Some(true);
         let of_positions = [
-            ("motion", self.motion.is_some()),
-            ("together", self.together.is_some()),
-            ("max_rotation_degrees", self.max_rotation_degrees.is_some() && !camera),
-            ("max_scale", self.max_scale.is_some()),
+            ("motion", self.motion.is_some(), together),
+            ("together", self.together.is_some(), camera),
+            ("max_rotation_degrees", self.max_rotation_degrees.is_some(), camera),
+            ("max_scale", self.max_scale.is_some(), together),
         ];
-        if let Some((key, _)) = of_positions.iter().find(|(_, given)| *given && !position) {
-            return Err(format!("`{key}` is for parameter = \"position\"; remove it"));
+        if let Some((key, ..)) = of_positions.iter().find(|(_, given, suits)| *given && !position && !suits) {
+            return Err(match camera {
+                true => format!(
+                    "`{key}` is for parameter = \"position\", or cameras with together = true; remove it"
+                ),
+                false => format!("`{key}` is for parameter = \"position\"; remove it"),
+            });
         }
         if self.cameras.is_some() && !camera {
             return Err(String::from("`cameras` is for parameter = \"camera\"; remove it"));
         }
         if self.detect == Some(true) && self.parameter != Quantity::Emission {
             return Err(String::from("`detect` is for parameter = \"emission\"; remove it"));
+        }
+        if self.detect == Some(true) && self.per.is_some() {
+            return Err(String::from(
+                "`per` and `detect` exclude each other: each candidate has a value; remove one",
+            ));
         }
         if self.resolution.is_some() && self.per != Some(Per::Texel) {
             return Err(String::from("`resolution` is for per = \"texel\"; remove it"));
@@ -424,7 +445,7 @@ impl FitTable {
             cameras: self.cameras.clone(),
             per: self.per.unwrap_or(usual.per),
             resolution: self.resolution,
-            motion: self.motion.unwrap_or(usual.motion),
+            motion: self.motion.unwrap_or(if together { MotionKind::Similarity } else { usual.motion }),
             together: self.together.unwrap_or(false),
             lower: triple(&self.lower),
             upper: triple(&self.upper),

@@ -72,6 +72,8 @@ const EPSILON_OF_HUBER: f64 = 0.1;
 /// bright pixels are right in the mean, and would be missed if they counted for less.
 const THRESHOLD: f64 = 0.3;
 const THRESHOLD_OF_RENDERINGS: f64 = 10.0;
+/// Relative error with which a model explains pictures without noise. Noise below it is nothing.
+const EXPLAINED: f64 = 0.1;
 /// Pixels to either side of a local mean.
 const REACH: usize = 2;
 
@@ -94,15 +96,16 @@ impl Loss {
         Self { kind, epsilon, threshold, means }
     }
 
-    /// Value and derivative for one channel of one pixel. `mean`: the target around it.
-    fn channel(&self, value: f64, target: f64, mean: f64) -> (f64, f64) {
+    /// Value and derivative for one channel of one pixel. `mean`: the target around it. `noise`: what noise adds to that to which relative
+    /// losses compare differences.
+    fn channel(&self, value: f64, target: f64, mean: f64, noise: f64) -> (f64, f64) {
         let d = value - target;
         let sign = if d == 0.0 { 0.0 } else { d.signum() };
         match self.kind {
             LossKind::L1 => (d.abs(), sign),
             LossKind::L2 => (d * d, 2.0 * d),
             LossKind::RelativeL2 => {
-                let scale = target * target + self.epsilon * self.epsilon;
+                let scale = self.square_of_relative(target, noise);
                 (d * d / scale, 2.0 * d / scale)
             }
             LossKind::LogL1 => {
@@ -110,7 +113,7 @@ impl Loss {
                 ((log(value) - log(target)).abs(), sign / (self.epsilon + value.abs()))
             }
             LossKind::Huber => {
-                let scale = mean.hypot(self.epsilon);
+                let scale = mean.hypot(self.epsilon).hypot(noise);
                 let (u, k) = (d / scale, self.threshold);
                 match u.abs() <= k {
                     true => (u * u, 2.0 * u / scale),
@@ -121,23 +124,34 @@ impl Loss {
     }
 
     /// The curvature for one channel of one pixel: for the Huber loss that of the parabola above it.
-    fn channel_curvature(&self, value: f64, target: f64, mean: f64) -> Option<f64> {
+    fn channel_curvature(&self, value: f64, target: f64, mean: f64, noise: f64) -> Option<f64> {
         match self.kind {
             LossKind::L2 => Some(2.0),
-            LossKind::RelativeL2 => Some(2.0 / (target * target + self.epsilon * self.epsilon)),
+            LossKind::RelativeL2 => Some(2.0 / self.square_of_relative(target, noise)),
             LossKind::L1 | LossKind::LogL1 => None,
             LossKind::Huber => {
-                let scale = mean.hypot(self.epsilon);
+                let scale = mean.hypot(self.epsilon).hypot(noise);
                 let u = ((value - target) / scale).abs();
                 Some(2.0 * (self.threshold / u).min(1.0) / (scale * scale))
             }
         }
     }
 
+    /// Of the relative L2 loss: the square of what differences are compared to.
+    fn square_of_relative(&self, target: f64, noise: f64) -> f64 {
+        target * target + self.epsilon * self.epsilon + noise * noise
+    }
+
     fn mean(&self, view: usize, pixel: usize, target: &Target) -> DVec3 {
         let means = self.means.get(view).filter(|means| means.len() == target.pixels.len());
         means.map_or(target.pixels[pixel], |means| means[pixel])
     }
+}
+
+/// The standard deviation of a target's noise over [`EXPLAINED`], where the target is such around a pixel: added to what a difference is relative
+/// to, squares to squares, it gives weights in inverse proportion to the variance of noise and model together.
+fn allowance(target: &Target, mean: f64) -> f64 {
+    target.noise.map_or(0.0, |noise| noise.variance(mean).sqrt() / EXPLAINED)
 }
 
 /// Local means of targets, if a loss is relative to them.
@@ -191,7 +205,7 @@ impl PictureLoss for Loss {
                 let mean = self.mean(view, at, target);
                 let channels = [0, 1, 2].map(|c| match target.keeps_bound(at, value[c], expected[c]) {
                     true => (0.0, 0.0),
-                    false => self.channel(value[c], expected[c], mean[c]),
+                    false => self.channel(value[c], expected[c], mean[c], allowance(target, mean[c])),
                 });
                 sum += weight * channels.iter().map(|(value, _)| value).sum::<f64>();
                 weight * DVec3::from(channels.map(|(_, derivative)| derivative))
@@ -211,7 +225,8 @@ impl PictureLoss for Loss {
             let mut curvature = DVec3::ZERO;
             for c in 0..3 {
                 if !target.keeps_bound(at, value[c], expected[c]) {
-                    curvature[c] = weight * self.channel_curvature(value[c], expected[c], mean[c])?;
+                    let noise = allowance(target, mean[c]);
+                    curvature[c] = weight * self.channel_curvature(value[c], expected[c], mean[c], noise)?;
                 }
             }
             Some(curvature)
@@ -226,6 +241,7 @@ impl PictureLoss for Loss {
 
 #[cfg(test)]
 mod tests {
+    use super::super::noise::Noise;
     use super::*;
     use antirad_scene::Camera;
 
@@ -246,8 +262,9 @@ mod tests {
     fn gradients_are_those_of_finite_differences() {
         let n = 12;
         let mask: Vec<f64> = (0..n).map(|i| (i % 4) as f64 / 3.0).collect();
-        for mask in [None, Some(mask)] {
-            let target = target(wave(n, 0.3), mask);
+        let noise = Noise { shot: 0.02, read: 0.1 };
+        for (mask, noise) in [(None, None), (Some(mask), None), (None, Some(noise))] {
+            let target = Target { noise, ..target(wave(n, 0.3), mask) };
             let mut picture = wave(n, 0.9);
             // Antiradiance: darker than black.
             picture[5].x = -0.02;
@@ -302,6 +319,7 @@ mod tests {
     #[test]
     fn curvature_is_the_change_of_the_gradient() {
         let target = target(wave(6, 0.3), Some(vec![1.0, 0.2, 1.0, 0.0, 1.0, 1.0]));
+        let target = target.noisy(Noise { shot: 0.02, read: 0.1 });
         for kind in KINDS {
             let loss = Loss { threshold: 0.1, ..Loss::new(kind, std::slice::from_ref(&target)) };
             let (a, b) = (wave(6, 0.1), wave(6, 1.9));
@@ -346,6 +364,56 @@ mod tests {
         };
         assert!((best(LossKind::Huber) - 1.0).abs() <= 0.03, "{}", best(LossKind::Huber));
         assert!((best(LossKind::RelativeL2) - 1.0).abs() > 0.05, "{}", best(LossKind::RelativeL2));
+    }
+
+    /// Two pictures of a constant, one of which has a hundred times the noise of the other. Where noise is stated, the estimate that
+    /// minimises the loss is nearer the truth.
+    #[test]
+    fn noise_decides_what_pixels_count() {
+        const SIDE: usize = 20;
+        // Uniform in [0, 1), as far as it matters.
+        let random = |at: usize| ((12.9898 * (at + 1) as f64).sin() * 43758.5453).rem_euclid(1.0);
+        let mut camera = Camera::framing(&[]);
+        (camera.width, camera.height) = (SIDE as u32, SIDE as u32);
+        let noise = |read| Noise { shot: 0.0, read };
+        let mut errors = [LossKind::Huber, LossKind::RelativeL2].map(|kind| (kind, [0.0; 2]));
+        for picture in 0..20 {
+            let view = |first: usize, read: f64| {
+                let deviate = |at: usize| 12.0_f64.sqrt() * read * (random(first + at) - 0.5);
+                let pixels = (0..SIDE * SIDE).map(|at| DVec3::splat(1.0 + deviate(at))).collect();
+                Target::new(camera.clone(), pixels, None, 1.0).expect("a target").noisy(noise(read))
+            };
+            let first = 2 * picture * SIDE * SIDE;
+            let known = [view(first, 0.02), view(first + SIDE * SIDE, 2.0)];
+            let unknown = known.clone().map(|target| Target { noise: None, ..target });
+            for (kind, errors) in &mut errors {
+                for (targets, error) in [&unknown, &known].into_iter().zip(errors) {
+                    *error += (estimate(*kind, targets) - 1.0).powi(2);
+                }
+            }
+        }
+        for (kind, [unknown, known]) in errors {
+            println!("{kind:?}: {unknown:e}, with noise stated {known:e}");
+            assert!(known < 0.1 * unknown, "{kind:?}: {known} {unknown}");
+        }
+    }
+
+    /// The constant that minimises the loss of some targets, by Newton's method.
+    fn estimate(kind: LossKind, targets: &[Target]) -> f64 {
+        let loss = Loss { threshold: 100.0, ..Loss::new(kind, targets) };
+        let mut value = 1.0;
+        for _ in 0..3 {
+            let (mut slope, mut curvature) = (0.0, 0.0);
+            for (view, target) in targets.iter().enumerate() {
+                let picture = vec![DVec3::splat(value); target.pixels.len()];
+                slope +=
+                    loss.evaluate(view, &picture, target).1.iter().map(|by| by.element_sum()).sum::<f64>();
+                let curvatures = loss.curvature(view, &picture, target).expect("a smooth loss");
+                curvature += curvatures.iter().map(|by| by.element_sum()).sum::<f64>();
+            }
+            value -= slope / curvature;
+        }
+        value
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Rigid motions and scalings, and their derivatives.
 
 use glam::{DMat3, DVec3};
+use std::ops::AddAssign;
 
 /// x ↦ centre + factor · R(rotation) (x - centre) + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +21,81 @@ pub(super) struct MotionGradient {
     pub translation: DVec3,
     pub rotation: DVec3,
     pub log_factor: f64,
+}
+
+impl AddAssign for MotionGradient {
+    fn add_assign(&mut self, other: Self) {
+        self.translation += other.translation;
+        self.rotation += other.rotation;
+        self.log_factor += other.log_factor;
+    }
+}
+
+/// A motion of which parts are unknown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FreeMotion {
+    pub centre: DVec3,
+    /// What one unit of the unknowns is of the translation in metres, the rotation vector in radians, and the logarithm of the factor; `None`
+    /// for what stays as it is.
+    pub units: [Option<f64>; 3],
+}
+
+/// A part of a motion that is unknown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Part {
+    /// Its first unknown.
+    pub first: usize,
+    /// What one unit of its unknowns is.
+    pub unit: f64,
+}
+
+impl FreeMotion {
+    /// Numbers of unknowns of translation, rotation and factor.
+    const NUMBERS: [usize; 3] = [3, 3, 1];
+
+    /// Number of unknowns.
+    pub fn unknowns(&self) -> usize {
+        self.units
+            .iter()
+            .zip(Self::NUMBERS)
+            .map(|(unit, number)| if unit.is_some() { number } else { 0 })
+            .sum()
+    }
+
+    /// Translation, rotation and factor, as far as they are unknown.
+    pub fn parts(&self) -> [Option<Part>; 3] {
+        let mut next = 0;
+        [0, 1, 2].map(|k| {
+            let first = next;
+            self.units[k].map(|unit| {
+                next += Self::NUMBERS[k];
+                Part { first, unit }
+            })
+        })
+    }
+
+    /// The motion for some unknowns.
+    pub fn motion(&self, x: &[f64]) -> Motion {
+        let [translation, rotation, factor] = self.parts();
+        let vector = |part: Option<Part>| {
+            part.map_or(DVec3::ZERO, |Part { first, unit }| unit * DVec3::from_slice(&x[first..]))
+        };
+        Motion {
+            centre: self.centre,
+            translation: vector(translation),
+            rotation: vector(rotation),
+            log_factor: factor.map_or(0.0, |Part { first, unit }| unit * x[first]),
+        }
+    }
+
+    /// Derivatives by the unknowns, from those by the motion.
+    pub fn by_unknowns(&self, by: &MotionGradient) -> Vec<f64> {
+        let [translation, rotation, factor] = self.units;
+        let vector =
+            |unit: Option<f64>, by: DVec3| unit.into_iter().flat_map(move |unit| (unit * by).to_array());
+        let vectors = vector(translation, by.translation).chain(vector(rotation, by.rotation));
+        vectors.chain(factor.map(|unit| unit * by.log_factor)).collect()
+    }
 }
 
 impl Motion {

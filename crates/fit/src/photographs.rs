@@ -1,13 +1,15 @@
 //! Photographs of a set of cameras as targets.
 
+use super::noise::Noise;
 use super::response::Response;
+use super::segments::check_number;
 use super::target::{Target, open_mask, unreadable, weights};
 use super::target_table::{Treatment, averaged};
 use antirad_base::setters;
-use antirad_render::image::{Photo, PhotoMask};
+use antirad_render::image::{Photo, PhotoLabels, PhotoMask};
 use antirad_scene::{Camera, CameraSet, Frame, Lens, SceneError};
 use rayon::prelude::*;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Photographs in memory at once: each takes up to some hundred megabytes until it is averaged.
 const AT_ONCE: usize = 8;
@@ -30,6 +32,8 @@ pub struct Photographs {
     pub suffix: Option<String>,
     /// Path of a mask, in which `{name}` stands for the name of the frame.
     pub mask: Option<PathBuf>,
+    /// Path of a segmentation picture, in which `{name}` stands for the name of the frame: one colour for each material.
+    pub segments: Option<PathBuf>,
     /// Layer of EXR files.
     pub layer: Option<String>,
     /// By how much pictures are averaged down along both sides.
@@ -41,6 +45,7 @@ setters!(Photographs {
     images: Option<PathBuf>,
     suffix: Option<String>,
     mask: Option<PathBuf>,
+    segments: Option<PathBuf>,
     layer: Option<String>,
     shrink: u32,
 });
@@ -49,13 +54,29 @@ impl Photographs {
     /// All pictures of a set as they are, with exposures and white balances to be fitted where they are integers.
     pub fn new(set: CameraSet) -> Self {
         let treatment = Treatment::of_photographs();
-        Self { set, images: None, suffix: None, mask: None, layer: None, shrink: 1, treatment }
+        Self {
+            set,
+            images: None,
+            suffix: None,
+            mask: None,
+            segments: None,
+            layer: None,
+            shrink: 1,
+            treatment,
+        }
     }
 
     /// Sets the response of the camera, which all pictures share; `None`: that of sRGB in integer formats, and linear in others.
     #[must_use]
     pub fn response(mut self, response: Option<Response>) -> Self {
         self.treatment.response = response;
+        self
+    }
+
+    /// Sets the noise of a pixel of the files, in units of white.
+    #[must_use]
+    pub fn noise(mut self, noise: Option<Noise>) -> Self {
+        self.treatment.noise = noise;
         self
     }
 
@@ -130,8 +151,13 @@ impl Photographs {
         let lens = frame.intrinsics.lens(size).map_err(of_file)?;
         let camera = self.camera(frame, &lens, size).map_err(of_file)?;
         let mask = self.mask_of(frame, size).map_err(named)?;
+        let labels = self.labels_of(frame, size).map_err(named)?;
+        let labels = labels.map(|labels| labels.through_pinhole(&lens, camera.width, camera.height));
         let (photo, mask) = self.seen(photo, mask.as_ref(), &lens, &camera);
-        self.treatment.target(&photo, mask, camera).map_err(|error| of_file(error.to_string()))
+        let target = self.treatment.target(&photo, mask, camera, size[0]);
+        let (target, ignored) = target.map_err(|error| of_file(error.to_string()))?;
+        let set = Some(self.set.path.display().to_string());
+        Ok((Target { labels, set, ..target }, ignored))
     }
 
     /// The camera of a frame, unless its picture has another shape or is too small.
@@ -163,7 +189,7 @@ impl Photographs {
     /// The mask of a frame, of the size of its picture.
     fn mask_of(&self, frame: &Frame, [width, height]: [u32; 2]) -> Result<Option<PhotoMask>, String> {
         let Some(pattern) = &self.mask else { return Ok(None) };
-        let path = PathBuf::from(pattern.to_string_lossy().replace("{name}", &frame.name));
+        let path = of_frame(pattern, frame);
         let mask = open_mask(&path).map_err(|error| error.of(&path))?;
         if (mask.width, mask.height) == (width, height) {
             return Ok(Some(mask));
@@ -174,6 +200,23 @@ impl Photographs {
             mask.width,
             mask.height
         ))
+    }
+
+    /// The labels of a frame, of the size of its picture.
+    fn labels_of(&self, frame: &Frame, [width, height]: [u32; 2]) -> Result<Option<PhotoLabels>, String> {
+        let Some(pattern) = &self.segments else { return Ok(None) };
+        let path = of_frame(pattern, frame);
+        let labels = PhotoLabels::read(&path).map_err(|error| unreadable(error).to_string())?;
+        if (labels.width, labels.height) != (width, height) {
+            return Err(format!(
+                "{}: the segmentation is {} x {} pixels, but its picture is {width} x {height}; give it that size",
+                path.display(),
+                labels.width,
+                labels.height
+            ));
+        }
+        check_number(labels.values.iter()).map_err(|message| format!("{}: {message}", path.display()))?;
+        Ok(Some(labels))
     }
 
     /// What the camera sees of a photograph, and the weights of its pixels.
@@ -197,6 +240,11 @@ impl Photographs {
         let (photo, mask) = photo.through_pinhole(lens, mask, width, height);
         (photo, Some(weights(&mask)))
     }
+}
+
+/// The path that a pattern has for a frame.
+fn of_frame(pattern: &Path, frame: &Frame) -> PathBuf {
+    PathBuf::from(pattern.to_string_lossy().replace("{name}", &frame.name))
 }
 
 /// Whether a picture may be one of a lens: of its size, or of another that differs from its shape by less than a pixel.

@@ -1,6 +1,6 @@
 //! Selects the triangles, vertices or views of a [`Fit`], and groups those that share a value.
 
-use super::parameters::{Fit, MotionKind, ParameterError, Per};
+use super::parameters::{Fit, Groups, MotionKind, ParameterError, Per};
 use antirad_render::render::Quantity;
 use antirad_scene::{Scene, Welded, nearest};
 use std::collections::HashMap;
@@ -9,7 +9,7 @@ use std::collections::HashMap;
 #[derive(Debug)]
 pub(super) struct Selected {
     /// Groups with a name and the triangles (for positions vertices, for cameras views) that share a value. Groups are disjoint.
-    pub groups: Vec<(String, Vec<u32>)>,
+    pub groups: Groups,
     /// Mean length of the selected edges, m; 1 if there are none.
     pub edge: f64,
 }
@@ -31,28 +31,37 @@ pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
         }
         return vertices(scene, fit, meshes);
     }
+    let picked = |at: &Option<Vec<usize>>, index: usize| at.as_ref().is_none_or(|at| at.contains(&index));
+    let is_picked = |mesh: usize, t: u32| {
+        picked(&meshes, mesh) && picked(&materials, scene.triangles[t as usize].material as usize)
+    };
     if let Some(groups) = &fit.groups {
         let beyond = groups.iter().flat_map(|(_, of)| of).find(|t| **t as usize >= scene.triangles.len());
-        return match beyond {
-            Some(t) => Err(format!("there is no triangle {t}: the scene has {}", scene.triangles.len())),
-            None => Ok(Selected { groups: groups.clone(), edge: 1.0 }),
-        };
+        if let Some(t) = beyond {
+            return Err(format!("there is no triangle {t}: the scene has {}", scene.triangles.len()));
+        }
+        let mut groups = groups.clone();
+        if meshes.is_some() || materials.is_some() {
+            let mesh_of = |t: u32| scene.meshes.iter().position(|mesh| mesh.range.contains(&t));
+            let is_picked = |t: &u32| mesh_of(*t).is_some_and(|mesh| is_picked(mesh, *t));
+            groups.iter_mut().for_each(|(_, of)| of.retain(is_picked));
+            groups.retain(|(_, of)| !of.is_empty());
+        }
+        return selected(groups);
     }
-    let picked = |at: &Option<Vec<usize>>, index: usize| at.as_ref().is_none_or(|at| at.contains(&index));
-    let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
+    if fit.per == Per::Segment {
+        return Err(String::from(
+            "per = \"segment\" needs labels of pixels: add segments = \"seg/{name}.png\" to a [[target]] of photographs",
+        ));
+    }
+    let mut groups: Groups = Vec::new();
     let mut group_of: HashMap<usize, usize> = HashMap::new();
     for (mesh, range) in scene.meshes.iter().map(|m| m.range.clone()).enumerate() {
-        if !picked(&meshes, mesh) {
-            continue;
-        }
-        for t in range {
+        for t in range.filter(|&t| is_picked(mesh, t)) {
             let material = scene.triangles[t as usize].material as usize;
-            if !picked(&materials, material) {
-                continue;
-            }
             let (key, name): (_, &dyn Fn() -> String) = match fit.per {
                 Per::Material => (material, &|| scene.materials[material].name.clone()),
-                Per::Mesh | Per::Texel => (mesh, &|| scene.meshes[mesh].name.clone()),
+                Per::Mesh | Per::Segment | Per::Texel => (mesh, &|| scene.meshes[mesh].name.clone()),
                 Per::Triangle => (t as usize, &|| format!("triangle {t}")),
             };
             let group = *group_of.entry(key).or_insert_with(|| {
@@ -62,10 +71,15 @@ pub(super) fn select(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
             groups[group].1.push(t);
         }
     }
-    if groups.is_empty() {
-        return Err(String::from("no triangle has both a given material and a given mesh; choose others"));
+    selected(groups)
+}
+
+/// A selection of triangles, unless it is empty.
+fn selected(groups: Groups) -> Result<Selected, String> {
+    match groups.is_empty() {
+        true => Err(String::from("no triangle has both a given material and a given mesh; choose others")),
+        false => Ok(Selected { groups, edge: 1.0 }),
     }
-    Ok(Selected { groups, edge: 1.0 })
 }
 
 fn vertices(scene: &Scene, fit: &Fit, meshes: Option<Vec<usize>>) -> Result<Selected, String> {
@@ -80,7 +94,7 @@ fn vertices(scene: &Scene, fit: &Fit, meshes: Option<Vec<usize>>) -> Result<Sele
         used.dedup();
         used
     };
-    let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
+    let mut groups: Groups = Vec::new();
     if fit.motion == MotionKind::Vertices {
         let mut all: Vec<u32> = meshes.iter().flat_map(|&mesh| used(mesh)).collect();
         all.sort_unstable();
@@ -131,14 +145,32 @@ fn views(scene: &Scene, fit: &Fit) -> Result<Selected, String> {
             return Err(unknown_of("no target has the camera", name, "they have", known));
         }
     }
-    let mut groups: Vec<(String, Vec<u32>)> = Vec::new();
-    for (view, camera) in (0..).zip(&scene.cameras).filter(|(_, camera)| named(&camera.name)) {
+    let chosen = || (0..).zip(&scene.cameras).filter(|(_, camera)| named(&camera.name));
+    if fit.together {
+        if fit.motion == MotionKind::Vertices {
+            return Err(String::from(
+                "cameras that move together have motion = \"similarity\", \"rigid\", \"translation\" or \"scale\"",
+            ));
+        }
+        let views: Vec<u32> = chosen().map(|(view, _)| view).collect();
+        let mut groups = fit.groups.clone().unwrap_or_else(|| vec![(String::from("cameras"), views.clone())]);
+        groups.iter_mut().for_each(|(_, of)| of.retain(|view| views.contains(view)));
+        groups.retain(|(_, of)| !of.is_empty());
+        return some_cameras(groups);
+    }
+    let mut groups: Groups = Vec::new();
+    for (view, camera) in chosen() {
         let same = |(_, views): &&mut (String, Vec<u32>)| scene.cameras[views[0] as usize] == *camera;
         match groups.iter_mut().find(same) {
             Some((_, views)) => views.push(view),
             None => groups.push((camera.name.clone(), vec![view])),
         }
     }
+    some_cameras(groups)
+}
+
+/// A selection of cameras, unless it is empty.
+fn some_cameras(groups: Groups) -> Result<Selected, String> {
     match groups.is_empty() {
         true => Err(String::from("no camera is selected; name one of a target")),
         false => Ok(Selected { groups, edge: 1.0 }),

@@ -1,8 +1,9 @@
 //! Target of a view: a picture, its camera, and which of its pixels count.
 
 use super::exposure::Exposure;
+use super::noise::Noise;
 use super::response::UnknownResponse;
-use antirad_render::image::{ImageError, Photo, PhotoMask};
+use antirad_render::image::{ImageError, Label, Photo, PhotoMask};
 use antirad_scene::Camera;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -105,6 +106,13 @@ pub struct Target {
     /// How bright the camera's settings make the picture, up to a factor that pictures of one camera share: exposure time in seconds times
     /// ISO over the square of the f-number, where the file of a photograph has them.
     pub exposure_guess: Option<f64>,
+    /// Noise of the picture, in its unit: where it is large, the losses [`LossKind::Huber`](super::LossKind::Huber) and
+    /// [`LossKind::RelativeL2`](super::LossKind::RelativeL2) count differences for less. `None`: they know of none.
+    pub noise: Option<Noise>,
+    /// The set of photographs that it is of; `None`: it is alone.
+    pub set: Option<String>,
+    /// What segmentation says that each pixel shows ([`segments`](super::segments)); `None` if it says nothing.
+    pub labels: Option<Vec<Option<Label>>>,
 }
 
 impl Target {
@@ -143,9 +151,20 @@ impl Target {
         if !(weight > 0.0 && weight.is_finite()) {
             return Err(TargetError::Weight(weight));
         }
-        let exposure = Exposure::default();
-        let (clip, bounds, response, exposure_guess) = (None, None, None, None);
-        let target = Self { camera, pixels, mask, weight, clip, bounds, exposure, response, exposure_guess };
+        let target = Self {
+            camera,
+            pixels,
+            mask,
+            weight,
+            clip: None,
+            bounds: None,
+            exposure: Exposure::default(),
+            response: None,
+            exposure_guess: None,
+            noise: None,
+            set: None,
+            labels: None,
+        };
         if target.mask_sum() == 0.0 {
             return Err(TargetError::Nothing);
         }
@@ -170,6 +189,11 @@ impl Target {
     /// This target with a response to be fitted.
     pub fn responding(self, response: UnknownResponse) -> Self {
         Self { response: Some(response), ..self }
+    }
+
+    /// This target with such a noise.
+    pub fn noisy(self, noise: Noise) -> Self {
+        Self { noise: Some(noise), ..self }
     }
 
     /// Whether a channel of a pixel, of this value, is only a lower bound.
@@ -222,6 +246,10 @@ impl Target {
             exposure: self.exposure,
             response: self.response,
             exposure_guess: self.exposure_guess,
+            noise: self.noise.map(|noise| noise.of_means(of_block)),
+            set: self.set.clone(),
+            // Which triangles share a value is known by then.
+            labels: None,
         }
     }
 

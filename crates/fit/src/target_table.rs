@@ -3,6 +3,7 @@
 use super::exposure::Exposure;
 use super::job::FitError;
 use super::job_file::positive;
+use super::noise::Noise;
 use super::photographs::{Photographs, USUAL_PIXELS};
 use super::response::{Response, UnknownResponse};
 use super::selection::unknown;
@@ -10,6 +11,7 @@ use super::target::{Target, TargetError, open_mask, radiance, unreadable, weight
 use antirad_render::image::{Photo, PhotoMask};
 use antirad_scene::{Camera, CameraSet, CameraTable, Place, Scene, SceneError, Similarity, TomlFile};
 use serde::Deserialize;
+use std::ops::Range;
 use std::path::PathBuf;
 use toml::Spanned;
 
@@ -29,6 +31,8 @@ pub(super) struct TargetTable {
     transform: Option<Spanned<Vec<Vec<f64>>>>,
     layer: Option<String>,
     mask: Option<Spanned<PathBuf>>,
+    segments: Option<Spanned<PathBuf>>,
+    noise: Option<Spanned<Noise>>,
     weight: Option<f64>,
     white: Option<Spanned<f64>>,
     clipped: Option<Clipped>,
@@ -39,6 +43,11 @@ pub(super) struct TargetTable {
 }
 
 impl TargetTable {
+    /// Where it states a noise.
+    pub(super) fn noise_span(&self) -> Option<Range<usize>> {
+        self.noise.as_ref().map(Spanned::span)
+    }
+
     /// Whether it is a set of photographs.
     pub(super) fn is_set(&self) -> bool {
         self.cameras.is_some()
@@ -85,6 +94,8 @@ pub(super) struct Treatment {
     pub clipped: Option<Clipped>,
     /// Of each view.
     pub weight: f64,
+    /// Of a pixel of the file, in units of white.
+    pub noise: Option<Noise>,
     /// What of exposures is unknown in pictures that end at white, and in others.
     pub exposures: [Exposure; 2],
     /// Of cameras, as stated; sRGB in pictures that end at white, and linear in others.
@@ -103,7 +114,7 @@ impl Treatment {
     /// That of photographs of which nothing is stated: phones choose exposure and white balance for each.
     pub fn of_photographs() -> Self {
         let exposures = [Exposure::GAIN_AND_WHITE_BALANCE, Exposure::default()];
-        Self { white: 1.0, clipped: None, weight: 1.0, exposures, response: None, table: 0 }
+        Self { white: 1.0, clipped: None, weight: 1.0, noise: None, exposures, response: None, table: 0 }
     }
 
     /// A photo in linear light, by the response stated.
@@ -118,12 +129,14 @@ impl Treatment {
         }
     }
 
-    /// A target from a linear picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored.
+    /// A target from a linear picture of the camera's size and weights of its pixels, and how many clipped pixels are ignored. `across`:
+    /// pixels of the file along the picture.
     pub fn target(
         &self,
         photo: &Photo,
         mask: Option<Vec<f64>>,
         camera: Camera,
+        across: u32,
     ) -> Result<(Target, usize), TargetError> {
         let mut mask = mask;
         let mut ignored = 0;
@@ -139,11 +152,14 @@ impl Treatment {
             }
         }
         let pixels = radiance(photo, self.white);
+        let averaged = (f64::from(across) / f64::from(camera.width)).max(1.0).powi(2);
         let clip = (clipped == Clipped::Bound && photo.ends_at_white).then_some(CLIP * self.white);
         let mut target = Target::new(camera, pixels, mask, self.weight)?.exposed(exposure);
         target.clip = clip;
         target.bounds = clip.and(Some(&photo.clipped)).filter(|clipped| clipped.contains(&true)).cloned();
         target.exposure_guess = photo.exposure;
+        let white = if photo.ends_at_white { self.white } else { 1.0 };
+        target.noise = self.noise.map(|noise| noise.scaled(white).of_means(averaged));
         let unknown = UnknownResponse { white: self.white, shared: self.table };
         target.response = (self.response == Some(Response::Fit)).then_some(unknown);
         Ok((target, ignored))
@@ -168,8 +184,10 @@ pub(super) fn read_targets(
     };
     let exposures = exposures(file, table, place.line)?;
     let (clipped, weight) = (table.clipped, table.weight.unwrap_or(1.0));
+    let noise = noise(file, table)?;
     let response = response(file, table)?;
-    let treatment = Treatment { white, clipped, weight, exposures, response, table: place.line as u32 };
+    let treatment =
+        Treatment { white, clipped, weight, noise, exposures, response, table: place.line as u32 };
     match (&table.cameras, &table.picture) {
         (Some(cameras), None) => read_set(file, table, cameras, &treatment, warnings),
         (None, Some(picture)) => {
@@ -183,6 +201,13 @@ pub(super) fn read_targets(
             .error("which picture? Add `picture = \"FILE\"`, or `cameras = \"transforms.json\"` for a set of photographs")
             .into()),
     }
+}
+
+/// The noise stated.
+fn noise(file: &TomlFile, table: &TargetTable) -> Result<Option<Noise>, SceneError> {
+    let Some(noise) = &table.noise else { return Ok(None) };
+    noise.get_ref().check().map_err(|message| file.place(noise.span()).error(message))?;
+    Ok(Some(*noise.get_ref()))
 }
 
 /// The response stated.
@@ -245,6 +270,7 @@ fn read_picture(
         ("frames", table.frames.as_ref().map(Spanned::span)),
         ("scale", table.scale.as_ref().map(Spanned::span)),
         ("pixels", table.pixels.as_ref().map(Spanned::span)),
+        ("segments", table.segments.as_ref().map(Spanned::span)),
         ("transform", table.transform.as_ref().map(Spanned::span)),
     ];
     if let Some((key, span)) = of_sets.into_iter().find_map(|(key, span)| Some((key, span?))) {
@@ -274,7 +300,7 @@ fn read_picture(
     let size = [photo.width, photo.height];
     let (photo, mask) = averaged(&photo, mask.as_ref(), &camera)
         .ok_or_else(|| of_picture(wrong_size("the picture", size, &camera)))?;
-    let (target, ignored) = treatment.target(&photo, mask, camera).map_err(of_picture)?;
+    let (target, ignored) = treatment.target(&photo, mask, camera, size[0]).map_err(of_picture)?;
     if ignored > 0 {
         warnings.push(format!(
             "{}: {ignored} clipped pixels are ignored, as the true values may be brighter; clipped = \"use\" uses them.",
@@ -364,6 +390,7 @@ fn read_set(
         images: table.images.as_ref().map(|folder| file.beside(folder.get_ref())),
         suffix: table.suffix.as_ref().map(|suffix| suffix.get_ref().clone()),
         mask: table.mask.as_ref().map(|mask| file.beside(mask.get_ref())),
+        segments: table.segments.as_ref().map(|segments| file.beside(segments.get_ref())),
         layer: table.layer.clone(),
         shrink: 1,
         treatment: *treatment,
@@ -408,7 +435,8 @@ fn read_set(
             read.len()
         ));
     }
-    Ok(read.into_iter().map(|(target, _)| target).collect())
+    let name = cameras.get_ref().display().to_string();
+    Ok(read.into_iter().map(|(target, _)| Target { set: Some(name.clone()), ..target }).collect())
 }
 
 fn choose_frames(file: &TomlFile, table: &TargetTable, set: &mut CameraSet) -> Result<(), SceneError> {
@@ -449,7 +477,7 @@ fn shrink(scale: f64) -> Result<u32, String> {
 }
 #[cfg(test)]
 mod tests {
-    use crate::JobFile;
+    use crate::{JobFile, Noise};
     use antirad_render::image::Picture;
     use std::path::Path;
     use tempfile::TempDir;
@@ -526,7 +554,7 @@ mod tests {
             .save(folder.path().join("m_b.png"))
             .expect("written");
         let keys = "cameras = \"t.json\"\nsuffix = \".exr\"\nscale = 0.5\nframes = [\"b\"]\nmask = \"m_{name}.png\"\n\
-                    transform = [[0, 0, 2, 0], [2, 0, 0, 0], [0, 2, 0, 1]]";
+                    transform = [[0, 0, 2, 0], [2, 0, 0, 0], [0, 2, 0, 1]]\nnoise = { shot = 4, read = 0.02 }";
         let file = load(folder.path(), keys).expect("a job");
         let target = &file.job.problem().targets[0];
         assert_eq!((target.camera.width, target.camera.height), (4, 3));
@@ -537,6 +565,8 @@ mod tests {
         // The left half of the first pixel is masked out.
         assert_eq!(target.pixels[0].to_array(), [3.0, 1.5, 1.0]);
         assert_eq!((target.mask_at(0), target.mask_at(1)), (0.5, 1.0));
+        // Of means over four pixels.
+        assert_eq!(target.noise, Some(Noise { shot: 1.0, read: 0.01 }));
         let file = load(folder.path(), "cameras = \"t.json\"\nevery = 2").expect("a job");
         assert_eq!(file.job.problem().targets.len(), 1);
     }

@@ -30,7 +30,7 @@ const SIDES: [u32; 2] = [64, 512];
 const MANY: u32 = 32;
 
 /// Lamps and albedos of a scene, and what is assumed, in whole sentences: the emission of what emits or, where nothing does, of what may be a
-/// lamp; a texture for each mesh that has texture coordinates, or is alone, lamps apart; one albedo for each other one, and for each
+/// lamp; a texture for each mesh that has texture coordinates, or is alone, lamps apart; one albedo for each other one, or for each segment of others, and for each
 /// triangle where one mesh alone has no room in a texture.
 pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>, Vec<String>), String> {
     let mut assumed = Vec::new();
@@ -71,7 +71,9 @@ pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>,
         fits.push(Fit::new(Quantity::Albedo).per(Per::Texel).meshes(Some(names)));
     }
     // Where objects are meshes of their own, one albedo each is enough to start with, and quicker by far.
-    let alone = if let ([mesh], 1) = (&plain[..], meshes.len()) { Some(*mesh) } else { None };
+    let is_segmented = targets.iter().any(|target| target.labels.is_some());
+    let alone =
+        if let ([mesh], 1, false) = (&plain[..], meshes.len(), is_segmented) { Some(*mesh) } else { None };
     if let Some((mesh, atlas)) = alone.and_then(|mesh| Some((mesh, atlas(scene, mesh, targets, &may_shine)?)))
     {
         let (side, name) = (atlas.side, &mesh.name);
@@ -84,11 +86,17 @@ pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>,
             fits.push(on(format!("lamps of {name}"), atlas.lamps).per(Per::Mesh));
         }
     } else if !plain.is_empty() {
-        let (per, each) =
-            if alone.is_some() { (Per::Triangle, "triangle") } else { (Per::Mesh, "other mesh") };
-        assumed.push(format!(
-            "No [[fit]]: each {each} has one albedo. `objects = true` of a mesh tells its objects apart."
-        ));
+        let (per, each) = match (is_segmented, alone) {
+            (true, _) => (Per::Segment, "segment of other meshes has one albedo."),
+            (false, Some(_)) => (
+                Per::Triangle,
+                "triangle has one albedo. `objects = true` of a mesh tells its objects apart.",
+            ),
+            (false, None) => {
+                (Per::Mesh, "other mesh has one albedo. `objects = true` of a mesh tells its objects apart.")
+            }
+        };
+        assumed.push(format!("No [[fit]]: each {each}"));
         fits.push(Fit::new(Quantity::Albedo).per(per).meshes(Some(names(&plain))));
     }
     Ok((fits, assumed))

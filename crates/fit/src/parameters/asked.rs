@@ -13,6 +13,8 @@ pub enum Per {
     Material,
     /// All triangles of a mesh.
     Mesh,
+    /// All triangles of a label of the targets' segmentation ([`segments`](crate::segments)); of what none labels, those of a mesh.
+    Segment,
     /// Each triangle has its own value.
     Triangle,
     /// Each texel of a texture over the texture coordinates of each mesh.
@@ -48,6 +50,9 @@ impl MotionKind {
     }
 }
 
+/// Members that share a value, or move together, by name.
+pub type Groups = Vec<(String, Vec<u32>)>;
+
 /// One quantity to fit, where, and within which bounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
@@ -62,14 +67,14 @@ pub struct Fit {
     pub cameras: Option<Vec<String>>,
     /// Which triangles share a value.
     pub per: Per,
-    /// Triangles that share a value, with a name for each group, in place of [`Self::per`]: for example candidates for lamps
+    /// Triangles that share a value, or views whose cameras move together, with a name for each group, in place of [`Self::per`]: for example candidates for lamps
     /// ([`candidates`](crate::candidates)). They must be among those selected.
-    pub groups: Option<Vec<(String, Vec<u32>)>>,
+    pub groups: Option<Groups>,
     /// For [`Per::Texel`]: columns and rows of each texture; `None`: 64.
     pub resolution: Option<u32>,
-    /// For positions: how they may change.
+    /// For positions, and for cameras that move together: how they may change.
     pub motion: MotionKind,
-    /// For positions: the meshes move as one body instead of separately.
+    /// The meshes move as one body instead of separately; of cameras, those of each set of photographs ([`Target::set`](crate::Target::set)).
     pub together: bool,
     /// Lower bound in the unit of the quantity; for positions and cameras, of the displacement from where they are given, m.
     pub lower: Option<[f64; 3]>,
@@ -79,7 +84,7 @@ pub struct Fit {
     pub initial: Option<[f64; 3]>,
     /// Largest component of a rotation vector, degrees; `None`: 180, and 5 for cameras.
     pub max_rotation_degrees: Option<f64>,
-    /// Largest factor of size; its reciprocal is the smallest.
+    /// Largest factor of size; its reciprocal is the smallest. `None`: 10, and 2 for cameras.
     pub max_scale: Option<f64>,
 }
 
@@ -89,7 +94,7 @@ setters!(Fit {
     meshes: Option<Vec<String>>,
     cameras: Option<Vec<String>>,
     per: Per,
-    groups: Option<Vec<(String, Vec<u32>)>>,
+    groups: Option<Groups>,
     resolution: Option<u32>,
     motion: MotionKind,
     together: bool,

@@ -1,8 +1,8 @@
 //! Bounds within which every vector of unknowns is a valid scene.
 
 use super::super::limit::{LIMIT, largest_lobe, lobe, unlimited};
-use super::super::optimiser::Bounds;
-use super::{Fit, ParameterError, Parameters, What, pose, to_unknown};
+use super::super::motion::Part;
+use super::{Fit, ParameterError, Parameters, What, to_unknown};
 use antirad_render::render::Quantity;
 use antirad_scene::Material;
 
@@ -13,6 +13,9 @@ const MAX_POWER: f64 = 1e4;
 /// Default bounds of rotation vectors, degrees: a mesh may turn anyhow, while a camera is known rather well.
 const MAX_ROTATION: f64 = 180.0;
 const MAX_ROTATION_OF_CAMERAS: f64 = 5.0;
+/// Default bounds of factors of size, and of distances of cameras that move together.
+const MAX_SCALE: f64 = 10.0;
+const MAX_SCALE_OF_CAMERAS: f64 = 2.0;
 
 impl Parameters {
     pub(super) fn set_bounds(&mut self, fit: usize) -> Result<(), ParameterError> {
@@ -55,28 +58,29 @@ impl Parameters {
                         }
                     }
                 }
-                What::Motion { parts, .. } => {
-                    let mut at = block.first;
-                    let mut put = |bounds: &mut Bounds, lower: f64, upper: f64| {
-                        (bounds.lower[at], bounds.upper[at]) = (lower, upper);
-                        at += 1;
+                What::Motion { free, .. } | What::Camera { free, .. } => {
+                    let [usual_angle, usual_factor] = match what.quantity {
+                        Quantity::Camera => [MAX_ROTATION_OF_CAMERAS, MAX_SCALE_OF_CAMERAS],
+                        _ => [MAX_ROTATION, MAX_SCALE],
+                    };
+                    let mut put = |at: usize, unit: f64, lower: f64, upper: f64| {
+                        let at = block.first + at;
+                        (self.bounds.lower[at], self.bounds.upper[at]) = (lower / unit, upper / unit);
                     };
                     let (lower, upper) = displacement(&what).map_err(refuse)?;
-                    for axis in 0..if parts[0] { 3 } else { 0 } {
-                        put(&mut self.bounds, lower[axis] / block.scale, upper[axis] / block.scale);
+                    let angle = largest_rotation(&what, usual_angle).map_err(refuse)?.to_radians();
+                    let factor = largest_factor(&what, usual_factor).map_err(refuse)?.ln();
+                    let [translation, rotation, scale] = free.parts();
+                    for axis in 0..3 {
+                        if let Some(Part { first, unit }) = translation {
+                            put(first + axis, unit, lower[axis], upper[axis]);
+                        }
+                        if let Some(Part { first, unit }) = rotation {
+                            put(first + axis, unit, -angle, angle);
+                        }
                     }
-                    let angle = largest_rotation(&what, MAX_ROTATION).map_err(refuse)?;
-                    for _ in 0..if parts[1] { 3 } else { 0 } {
-                        put(&mut self.bounds, -angle.to_radians(), angle.to_radians());
-                    }
-                    let factor = what.max_scale.unwrap_or(10.0);
-                    if !(factor >= 1.0 && factor.is_finite()) {
-                        return Err(refuse(format!(
-                            "max_scale is {factor}; it must be 1 or more, and finite"
-                        )));
-                    }
-                    if parts[2] {
-                        put(&mut self.bounds, -factor.ln(), factor.ln());
+                    if let Some(Part { first, unit }) = scale {
+                        put(first, unit, -factor, factor);
                     }
                 }
                 What::Texture { .. } => {
@@ -97,17 +101,6 @@ impl Parameters {
                     for axis in 0..3 {
                         self.bounds.lower[block.first + axis] = lower[axis] / block.scale;
                         self.bounds.upper[block.first + axis] = upper[axis] / block.scale;
-                    }
-                }
-                What::Camera { .. } => {
-                    let (lower, upper) = displacement(&what).map_err(refuse)?;
-                    let angle = largest_rotation(&what, MAX_ROTATION_OF_CAMERAS).map_err(refuse)?;
-                    for axis in 0..3 {
-                        let [way, turn] = [block.first + axis, block.first + 3 + axis];
-                        (self.bounds.lower[way], self.bounds.upper[way]) =
-                            (lower[axis] / block.scale, upper[axis] / block.scale);
-                        let angle = pose::largest_rotation(angle);
-                        (self.bounds.lower[turn], self.bounds.upper[turn]) = (-angle, angle);
                     }
                 }
             }
@@ -188,6 +181,15 @@ fn largest_rotation(fit: &Fit, usual: f64) -> Result<f64, String> {
     match angle > 0.0 && angle <= MAX_ROTATION {
         true => Ok(angle),
         false => Err(format!("max_rotation_degrees is {angle}; it must lie in 0 to {MAX_ROTATION}")),
+    }
+}
+
+/// The bound on factors.
+fn largest_factor(fit: &Fit, usual: f64) -> Result<f64, String> {
+    let factor = fit.max_scale.unwrap_or(usual);
+    match factor >= 1.0 && factor.is_finite() {
+        true => Ok(factor),
+        false => Err(format!("max_scale is {factor}; it must be 1 or more, and finite")),
     }
 }
 

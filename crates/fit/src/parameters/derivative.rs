@@ -1,8 +1,9 @@
 //! Derivatives by a scene, pulled back onto the unknowns.
 
 use super::super::limit::{limit, lobe};
-use super::{Parameters, What};
-use antirad_render::render::{CameraGradient, Quantity, SceneGradient};
+use super::super::motion::MotionGradient;
+use super::{Parameters, What, pose};
+use antirad_render::render::{Quantity, SceneGradient};
 use glam::DVec3;
 
 /// RGB derivatives per [`Quantity`]; `None` if it is not fitted.
@@ -25,18 +26,12 @@ impl Parameters {
                         }
                     }
                 }
-                What::Motion { vertices, parts, .. } => {
+                What::Motion { vertices, free } => {
                     let Some(by_position) = &gradient.positions else { continue };
                     let pairs =
                         vertices.iter().map(|&v| (self.base.vertices[v as usize], by_position[v as usize]));
-                    let by_motion = self.motion(block, x).pull_back(pairs);
-                    let numbers = [
-                        (parts[0], (block.scale * by_motion.translation).to_array().to_vec()),
-                        (parts[1], by_motion.rotation.to_array().to_vec()),
-                        (parts[2], vec![by_motion.log_factor]),
-                    ];
-                    let numbers = numbers.into_iter().filter(|(fitted, _)| *fitted).flat_map(|(_, n)| n);
-                    to.iter_mut().zip(numbers).for_each(|(to, number)| *to += number);
+                    let by_motion = free.motion(&x[block.range()]).pull_back(pairs);
+                    to.copy_from_slice(&free.by_unknowns(&by_motion));
                 }
                 What::Texture { painting, .. } => {
                     let by_texels = gradient.texels.as_ref().and_then(|all| all.get(*painting));
@@ -48,11 +43,14 @@ impl Parameters {
                     let sum: DVec3 = vertices.iter().map(|&v| by_position[v as usize]).sum();
                     to.iter_mut().zip((block.scale * sum).to_array()).for_each(|(to, number)| *to += number);
                 }
-                What::Camera { views } => {
+                What::Camera { views, free } => {
                     let Some(by_cameras) = &gradient.cameras else { continue };
-                    let mut sum = CameraGradient::default();
-                    views.iter().for_each(|&view| sum += by_cameras[view]);
-                    to.copy_from_slice(&self.pose(block, views).pull_back(&x[block.first..], &sum));
+                    let motion = free.motion(&x[block.range()]);
+                    let mut by_motion = MotionGradient::default();
+                    for &view in views {
+                        by_motion += pose::pull_back(&self.base.cameras[view], &motion, &by_cameras[view]);
+                    }
+                    to.copy_from_slice(&free.by_unknowns(&by_motion));
                 }
             }
         }

@@ -13,12 +13,12 @@ mod recovered;
 mod textures;
 mod unseen;
 
-pub use asked::{Fit, MotionKind, Per};
+pub use asked::{Fit, Groups, MotionKind, Per};
 pub use recovered::Recovered;
 pub use unseen::Unseen;
 
 use super::limit::{limit, lobe};
-use super::motion::Motion;
+use super::motion::FreeMotion;
 use super::optimiser::Bounds;
 use super::renderer::OwnSquares;
 use super::selection::{self, Selected};
@@ -26,7 +26,6 @@ use antirad_core::plan::GradientRequest;
 use antirad_render::render::Quantity;
 use antirad_scene::{Material, Painting, Scene, bounds};
 use glam::DVec3;
-use pose::Pose;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
@@ -60,12 +59,12 @@ enum What {
     Material { quantity: Quantity, materials: Vec<u32>, triangles: Vec<u32> },
     /// Texels of the painting with such a number.
     Texture { painting: usize, texels: usize },
-    /// Vertices that move, and which of translation, rotation, scale are unknown.
-    Motion { vertices: Vec<u32>, centre: DVec3, parts: [bool; 3] },
+    /// Vertices that move.
+    Motion { vertices: Vec<u32>, free: FreeMotion },
     /// Vertices at one place.
     Vertex { vertices: Vec<u32> },
-    /// Views of one camera.
-    Camera { views: Vec<usize> },
+    /// Views of one camera, or of several that move together.
+    Camera { views: Vec<usize>, free: FreeMotion },
 }
 
 /// An unknown among those whose derivatives one change of the scene shows, and where in the pictures it does.
@@ -98,12 +97,9 @@ impl ParameterBlock {
     fn unknowns(&self) -> usize {
         match &self.what {
             What::Material { quantity, .. } => quantity.channels(),
-            What::Motion { parts: [translation, rotation, scale], .. } => {
-                3 * usize::from(*translation) + 3 * usize::from(*rotation) + usize::from(*scale)
-            }
+            What::Motion { free, .. } | What::Camera { free, .. } => free.unknowns(),
             What::Vertex { .. } => 3,
             What::Texture { texels, .. } => 3 * texels,
-            What::Camera { .. } => pose::UNKNOWNS,
         }
     }
 }
@@ -207,7 +203,10 @@ impl Parameters {
         for (name, members) in &selected.groups {
             let (scale, what) = if quantity == Quantity::Camera {
                 let views: Vec<usize> = members.iter().map(|&view| view as usize).collect();
-                (pose::scale(&self.base, &self.base.cameras[views[0]]), What::Camera { views })
+                let what = &self.fits[fit];
+                let parts = if what.together { what.motion.parts() } else { [true, true, false] };
+                let free = pose::free_motion(&self.base, &views, parts);
+                (1.0, What::Camera { views, free })
             } else if quantity == Quantity::Position {
                 let place = |v: &u32| self.base.vertices[*v as usize];
                 let (low, high) = bounds(members.iter().map(place));
@@ -217,8 +216,10 @@ impl Parameters {
                         let size = (high - low).length();
                         // A rotation by 1 rad moves the ends of the mesh by half its size.
                         let scale = if size > 0.0 { size / 2.0 } else { 1.0 };
-                        let (centre, parts) = (low.midpoint(high), motion.parts());
-                        (scale, What::Motion { vertices: members.clone(), centre, parts })
+                        let (units, parts) = ([scale, 1.0, 1.0], motion.parts());
+                        let units = [0, 1, 2].map(|k| parts[k].then_some(units[k]));
+                        let free = FreeMotion { centre: low.midpoint(high), units };
+                        (scale, What::Motion { vertices: members.clone(), free })
                     }
                 }
             } else {
@@ -276,10 +277,10 @@ impl Parameters {
                         self.start[first + channel] = to_unknown(*quantity, value, block.scale);
                     }
                 }
-                What::Motion { parts: [true, ..], .. } => {
+                What::Motion { free: FreeMotion { units: [Some(unit), ..], .. }, .. } => {
                     let initial = what.initial.unwrap_or_default();
                     for (axis, way) in initial.iter().enumerate() {
-                        self.start[first + axis] = way / block.scale;
+                        self.start[first + axis] = way / unit;
                     }
                 }
                 What::Texture { painting, texels } => {
@@ -359,8 +360,8 @@ impl Parameters {
                 What::Texture { painting, .. } => {
                     scene.set_painting(&self.paintings[*painting], self.texels(block, x));
                 }
-                What::Motion { vertices, .. } => {
-                    let motion = self.motion(block, x);
+                What::Motion { vertices, free } => {
+                    let motion = free.motion(&x[block.range()]);
                     let before = vertices.iter().map(|&v| self.base.vertices[v as usize]);
                     for (&v, place) in vertices.iter().zip(motion.apply(before)) {
                         scene.vertices[v as usize] = place;
@@ -374,9 +375,11 @@ impl Parameters {
                     }
                     moved = true;
                 }
-                What::Camera { views } => {
-                    let camera = self.pose(block, views).moved(&x[block.first..]);
-                    views.iter().for_each(|&view| scene.cameras[view].clone_from(&camera));
+                What::Camera { views, free } => {
+                    let motion = free.motion(&x[block.range()]);
+                    for &view in views {
+                        scene.cameras[view] = pose::moved(&self.base.cameras[view], &motion);
+                    }
                 }
             }
         }
@@ -439,31 +442,6 @@ impl Parameters {
         }
     }
 
-    fn motion(&self, block: &ParameterBlock, x: &[f64]) -> Motion {
-        let What::Motion { centre, parts, .. } = &block.what else {
-            return Motion::at_rest(DVec3::ZERO);
-        };
-        let mut motion = Motion::at_rest(*centre);
-        let mut at = block.first;
-        if parts[0] {
-            motion.translation = block.scale * DVec3::from_slice(&x[at..]);
-            at += 3;
-        }
-        if parts[1] {
-            motion.rotation = DVec3::from_slice(&x[at..]);
-            at += 3;
-        }
-        if parts[2] {
-            motion.log_factor = x[at];
-        }
-        motion
-    }
-
-    /// The pose that is unknown of some views.
-    fn pose(&self, block: &ParameterBlock, views: &[usize]) -> Pose<'_> {
-        Pose { camera: &self.base.cameras[views[0]], scale: block.scale }
-    }
-
     /// Unknowns of a quantity, for regularisers.
     pub fn unknowns_of(&self, quantity: Quantity) -> Vec<usize> {
         self.groups_of(quantity).into_iter().flat_map(|(_, unknowns)| unknowns).collect()
@@ -489,8 +467,8 @@ impl Parameters {
                     let of_channel = |(c, unknown)| Shown { channel: Some(c), ..alone(unknown) };
                     columns.push(unknowns.enumerate().map(of_channel).collect());
                 }
-                What::Camera { views } => {
-                    of_cameras.resize_with(block.unknowns(), Vec::new);
+                What::Camera { views, .. } => {
+                    of_cameras.resize_with(block.unknowns().max(of_cameras.len()), Vec::new);
                     for (column, unknown) in of_cameras.iter_mut().zip(unknowns) {
                         column.push(Shown { views: Some(views.clone()), ..alone(unknown) });
                     }
@@ -522,7 +500,7 @@ impl Parameters {
     /// the samples of a picture one by one.
     pub(super) fn steps(&self, usual: f64) -> Vec<f64> {
         let of_block = |block: &ParameterBlock| match &block.what {
-            What::Camera { views } => {
+            What::Camera { views, .. } => {
                 vec![pose::half_a_pixel(&self.base.cameras[views[0]]); block.unknowns()]
             }
             _ => vec![usual; block.unknowns()],

@@ -1,6 +1,6 @@
 //! Fitted values in physical units.
 
-use super::super::motion::Motion;
+use super::super::motion::{Motion, Part};
 use super::{Parameters, What, get};
 use antirad_scene::Scene;
 use glam::DVec3;
@@ -46,24 +46,32 @@ impl Parameters {
                     };
                     push(quantity.word(), quantity.unit(), value(&found), value(&initial), &at_bound);
                 }
-                What::Motion { parts, .. } => {
-                    let (now, before) = (self.motion(block, x), self.motion(block, &self.start));
-                    let mut at = 0;
-                    let mut next = |n: usize| {
-                        at += n;
-                        at - n..at
+                What::Motion { free, .. } | What::Camera { free, .. } => {
+                    let of = |x: &[f64]| free.motion(&x[block.range()]);
+                    let (now, before) = (of(x), of(&self.start));
+                    let [translation, rotation, factor] = free.parts();
+                    let [way, turn, scale] = match &block.what {
+                        What::Camera { .. } => {
+                            ["camera displacement", "camera rotation vector", "camera scale"]
+                        }
+                        _ => ["translation", "rotation vector", "scale"],
                     };
-                    if parts[0] {
+                    if let (What::Camera { views, .. }, false) = (&block.what, self.fits[block.fit].together)
+                    {
+                        let place = |scene: &Scene| scene.cameras[views[0]].position.to_array().to_vec();
+                        push("camera position", "m", place(&found), place(&initial), &at_bound[..3]);
+                    }
+                    if let Some(Part { first, .. }) = translation {
                         let value = |m: &Motion| m.translation.to_array().to_vec();
-                        push("translation", "m", value(&now), value(&before), &at_bound[next(3)]);
+                        push(way, "m", value(&now), value(&before), &at_bound[first..first + 3]);
                     }
-                    if parts[1] {
+                    if let Some(Part { first, .. }) = rotation {
                         let value = |m: &Motion| m.rotation.to_array().map(f64::to_degrees).to_vec();
-                        push("rotation vector", "degrees", value(&now), value(&before), &at_bound[next(3)]);
+                        push(turn, "degrees", value(&now), value(&before), &at_bound[first..first + 3]);
                     }
-                    if parts[2] {
+                    if let Some(Part { first, .. }) = factor {
                         let value = |m: &Motion| vec![m.log_factor.exp()];
-                        push("scale", "1", value(&now), value(&before), &at_bound[next(1)]);
+                        push(scale, "1", value(&now), value(&before), &at_bound[first..=first]);
                     }
                 }
                 What::Texture { painting, .. } => {
@@ -84,16 +92,6 @@ impl Parameters {
                         vertices.first().map_or(vec![], |&v| scene.vertices[v as usize].to_array().to_vec())
                     };
                     push("position", "m", value(&found), value(&initial), &at_bound);
-                }
-                What::Camera { views } => {
-                    let pose = self.pose(block, views);
-                    let [now, before] = [x, &self.start[..]].map(|x| pose.motion(&x[block.first..]));
-                    let place = |scene: &Scene| scene.cameras[views[0]].position.to_array().to_vec();
-                    push("camera position", "m", place(&found), place(&initial), &at_bound[..3]);
-                    let way = |motion: &Motion| motion.translation.to_array().to_vec();
-                    push("camera displacement", "m", way(&now), way(&before), &at_bound[..3]);
-                    let turn = |motion: &Motion| motion.rotation.to_array().map(f64::to_degrees).to_vec();
-                    push("camera rotation vector", "degrees", turn(&now), turn(&before), &at_bound[3..]);
                 }
             }
         }

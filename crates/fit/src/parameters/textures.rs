@@ -1,7 +1,7 @@
 //! Albedo textures over the texture coordinates of meshes.
 
 use super::super::selection::Selected;
-use super::{ParameterBlock, ParameterError, Parameters, Per, What};
+use super::{Groups, ParameterBlock, ParameterError, Parameters, Per, What};
 use antirad_render::render::Quantity;
 use antirad_scene::Crowded;
 
@@ -62,6 +62,17 @@ impl Parameters {
         self.blocks.iter().flat_map(of).collect()
     }
 
+    /// The triangles that share each value of a fit; `None` if it is not of triangles.
+    fn triangles_by_name(&self, fit: usize) -> Option<Groups> {
+        let triangles = |block: &ParameterBlock| match &block.what {
+            What::Material { triangles, .. } => Some(triangles.clone()),
+            What::Texture { painting, .. } => Some(self.paintings[*painting].triangles().to_vec()),
+            What::Motion { .. } | What::Vertex { .. } | What::Camera { .. } => None,
+        };
+        let blocks = self.blocks.iter().filter(|block| block.fit == fit);
+        blocks.map(|block| Some((block.name.clone(), triangles(block)?))).collect()
+    }
+
     /// These parameters with one albedo for each texture, starting at a point, and with pictures of other sizes; and per unknown, the one of
     /// them that it follows.
     pub(in super::super) fn without_textures(
@@ -69,12 +80,18 @@ impl Parameters {
         x: &[f64],
         sizes: &[[u32; 2]],
     ) -> Result<(Self, Vec<u32>), ParameterError> {
-        let fit = |fit: &super::Fit| match fit.per {
-            Per::Texel => fit.clone().per(Per::Mesh).resolution(None),
-            _ => fit.clone(),
+        let fit = |(number, fit): (usize, &super::Fit)| {
+            // What is stated of initial values is in the point already.
+            let fit = fit.clone().initial(None);
+            match self.triangles_by_name(number) {
+                // Materials that were split have other names by now.
+                Some(groups) => {
+                    fit.groups(Some(groups)).materials(None).meshes(None).per(Per::Mesh).resolution(None)
+                }
+                None => fit,
+            }
         };
-        // What is stated of initial values is in the point already.
-        let fits: Vec<super::Fit> = self.fits.iter().map(|of| fit(of).initial(None)).collect();
+        let fits: Vec<super::Fit> = self.fits.iter().enumerate().map(fit).collect();
         // Positions and poses are relative to those of the base scene, here as there.
         let mut at_rest = x.to_vec();
         for block in &self.blocks {
@@ -87,6 +104,7 @@ impl Parameters {
             [camera.width, camera.height] = *size;
         }
         let mut coarse = Self::new(&base, &fits, self.scale(Quantity::Emission))?;
+        coarse.fits.clone_from(&self.fits);
         let mut of = vec![0; self.len()];
         for (fine, block) in self.blocks.iter().zip(&coarse.blocks) {
             for (of, unknown) in of[fine.range()].iter_mut().zip(block.range().cycle()) {

@@ -27,7 +27,7 @@ pub use coverage::{Coverage, FaceInPixel};
 pub use error::ImageError;
 pub use gradient::camera_gradient;
 pub use gradient::{CameraGradient, Colours, GeometryGradient, geometry_gradient, geometry_gradient_of};
-pub use photo::{Photo, PhotoMask};
+pub use photo::{Label, Photo, PhotoLabels, PhotoMask};
 pub use picture::Picture;
 pub use projection::View;
 pub use raster::{MAX_SUPERSAMPLE, PictureOptions, Rasterizer};

@@ -4,8 +4,9 @@ use std::fs::File;
 use std::io::BufReader;
 
 use ::image::metadata::Orientation;
-use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, Rgba};
 
+use super::labels::{FLOATS, Label};
 use super::{Photo, check_size, exif, upright};
 use antirad_scene::linear_from_srgb;
 
@@ -87,6 +88,23 @@ pub(super) fn read(
         }
     };
     Ok((photo, turned))
+}
+
+/// Colours as stored, in 16 bits; none where they are transparent.
+pub(super) fn labels(
+    file: BufReader<File>,
+    format: ImageFormat,
+) -> Result<([u32; 2], Vec<Option<Label>>), String> {
+    let (picture, _, _) = decode(file, format)?;
+    if matches!(picture, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {
+        return Err(FLOATS.to_owned());
+    }
+    let size = [picture.width(), picture.height()];
+    let label = |pixel: &Rgba<u16>| {
+        let [red, green, blue, alpha] = pixel.0;
+        (alpha > 0).then_some([red, green, blue])
+    };
+    Ok((size, picture.into_rgba16().pixels().map(label).collect()))
 }
 
 /// Grey values from 0 to 1, not decoded, or the red channel of a float format.

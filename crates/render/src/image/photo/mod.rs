@@ -3,10 +3,12 @@
 mod average;
 mod codecs;
 mod exif;
+mod labels;
 mod layers;
 mod mask;
 mod resample;
 
+pub use labels::{Label, PhotoLabels};
 pub use mask::PhotoMask;
 
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -180,14 +182,15 @@ mod tests {
     use antirad_scene::linear_from_srgb;
     use std::path::PathBuf;
 
-    struct Written(PathBuf);
+    /// A file for a test, which is removed at its end.
+    pub(super) struct Written(pub PathBuf);
 
     impl Written {
         fn new(name: &str) -> Self {
             Self(std::env::temp_dir().join(format!("antirad_{}_{name}", std::process::id())))
         }
 
-        fn save(name: &str, picture: &DynamicImage, format: ImageFormat) -> Self {
+        pub fn save(name: &str, picture: &DynamicImage, format: ImageFormat) -> Self {
             let file = Self::new(name);
             picture.save_with_format(&file.0, format).expect("written");
             file
