@@ -165,7 +165,7 @@ pub mod target_error {
 pub mod warnings {
     #[doc(inline)]
     pub use antirad_render::warnings::{
-        Effect, Example, Kind, MATTERS, RefineError, RefineOptions, Refined, Warning, Warnings, cut_long,
+        Effect, Example, Kind, MATTERS, RefineError, RefineOptions, Refined, Warning, Warnings, cut_for_rays,
         refine, told_from, too_coarse,
     };
 }

@@ -8,7 +8,7 @@ use antirad::scene::{
     Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice,
 };
 use antirad::target_error::usual_plan;
-use antirad::warnings::cut_long;
+use antirad::warnings::cut_for_rays;
 use antirad::{Cotangent, Engine, Solution, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
 use support::random::{Random, scattered};
@@ -119,17 +119,17 @@ fn long_triangles_among_dense_blockers_are_cut() {
     let backend = backend();
     let given = rods();
     let mut scene = given.clone();
-    let parents = cut_long(&mut scene, usize::MAX).expect("dense blockers");
+    let parents = cut_for_rays(&mut scene, usize::MAX).expect("dense blockers");
     let of_rods = given.meshes.iter().find(|mesh| mesh.name == "rod").expect("a rod").range.clone();
     assert!(of_rods.filter(|t| parents.iter().filter(|p| *p == t).count() > 2).count() >= 4, "a rod is cut");
     let found = [&given, &scene].map(|scene| {
         let (_, solution) = solve(&backend, scene, &scene.settings);
-        let means = errors(scene, &solution.irradiance, 11);
+        let means = errors(scene, &solution.irradiance, 23);
         println!("{} triangles: mean {:+.4}, L2 {:.4}", scene.triangles.len(), means[0], means[1]);
         means
     });
-    assert!(found[1][0].abs() <= 0.01 && found[1][1] <= 0.5 * found[0][1], "{found:?}");
-    assert!(cut_long(&mut load("scenes/cornell_boxes.toml"), usize::MAX).is_none());
+    assert!(found[1][0].abs() <= 0.01 && found[1][1] <= 0.7 * found[0][1], "{found:?}");
+    assert!(cut_for_rays(&mut load("scenes/cornell_boxes.toml"), usize::MAX).is_none());
     finish(&backend);
 }
 

@@ -148,13 +148,20 @@ impl Scene {
         }
     }
 
-    /// The longest side of a triangle, from corner k to the next, and its length, m. The first of equally long ones.
+    /// The longest side of a triangle, from corner k to the next, and its length, m. Of equally long ones the same for both sides of a sheet.
     pub fn longest_side(&self, triangle: usize) -> (usize, f64) {
         let corners = self.corners(triangle);
-        let lengths = [0, 1, 2].map(|k| corners[k].distance(corners[(k + 1) % 3]));
-        let longer = |best: usize, k: usize| if lengths[k] > lengths[best] { k } else { best };
-        let k = longer(longer(0, 1), 2);
-        (k, lengths[k])
+        let sides = [0, 1, 2].map(|k| {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            let middle = a.midpoint(b);
+            [a.distance(b), middle.x, middle.y, middle.z]
+        });
+        let order = |of: &usize, with: &usize| {
+            let pairs = sides[*of].iter().zip(&sides[*with]);
+            pairs.map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+        };
+        let longest = (0..3).max_by(order).unwrap_or(0);
+        (longest, sides[longest][0])
     }
 
     /// Area-weighted means of per-triangle values of a subdivided scene, on the triangles of the original scene.

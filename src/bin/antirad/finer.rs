@@ -3,9 +3,9 @@
 use crate::Failure;
 use antirad::cli::{Interrupt, Working};
 use antirad::plan::PlanOptions;
-use antirad::scene::{Choice, Scene};
+use antirad::scene::{Choice, Scene, VisibilityChoice};
 use antirad::target_error::usual_settings;
-use antirad::warnings::{RefineOptions, cut_long, refine, too_coarse};
+use antirad::warnings::{RefineOptions, cut_for_rays, refine, too_coarse};
 
 /// Triangles that may be added where nobody asked for a finer mesh.
 const UNASKED: usize = 4000;
@@ -40,8 +40,10 @@ impl Finer {
         let mut finer = Self::whole(scene);
         let given = scene.clone();
         let touched = finer.cut_contacts(scene, max_triangles, interrupt);
-        if let Some(long) = finer.cut_long(scene, max_triangles, interrupt) {
-            return Ok((touched || long).then_some(finer));
+        if let Some(cut) = finer.cut_for_rays(scene, max_triangles, interrupt) {
+            // By the mesh as given: blockers of small triangles do not look dense.
+            scene.settings = scene.settings.visibility(VisibilityChoice::Explicit);
+            return Ok((touched || cut).then_some(finer));
         }
         let looking = Working::on("looking for shadows");
         let count = scene.triangles.len();
@@ -86,20 +88,23 @@ impl Finer {
         touched
     }
 
-    /// Cuts triangles among dense blockers, see [`cut_long`], and tells whether there are any. `None` where blockers are not dense.
-    fn cut_long(&mut self, scene: &mut Scene, max_triangles: usize, interrupt: &Interrupt) -> Option<bool> {
+    /// Cuts triangles for explicit visibility, see [`cut_for_rays`], and tells whether there are any. `None` where visibility is implicit.
+    fn cut_for_rays(
+        &mut self,
+        scene: &mut Scene,
+        max_triangles: usize,
+        interrupt: &Interrupt,
+    ) -> Option<bool> {
         let _working = Working::on("looking for dense blockers");
         let count = scene.triangles.len();
-        let parents =
-            interrupt.while_computing(|| cut_long(scene, max_triangles.min(count + AMONG_DENSE)))?;
+        let most = max_triangles.min(count + AMONG_DENSE);
+        let parents = interrupt.while_computing(|| cut_for_rays(scene, most))?;
         self.compose(&parents);
-        let (cut, long) = (parents.len(), parents.len() != count);
-        if long {
-            tracing::info!(
-                "{cut} triangles instead of {count}, cut where light travels less far than they reach"
-            );
+        let finer = parents.len();
+        if finer != count {
+            tracing::info!("{finer} triangles instead of {count}, cut where light varies within them");
         }
-        Some(long)
+        Some(finer != count)
     }
 
     /// Cuts triangles where the mesh is too coarse for shadows, and tells whether `max_triangles` prevented

@@ -306,9 +306,10 @@ impl Light {
     }
 
     fn sights(&self, view: &View, coverage: &Coverage) -> Result<Arc<Sights>, RankError> {
-        let (lamps, sight) = (self.direct.lamps_of_point(), self.sight(&view.camera));
+        let (lamps, views) = (self.direct.lamps_of_point(), self.views.len());
+        let sight = self.sight(&view.camera);
         view.sights.of(coverage.faces_in_pixels().collect(), &self.patterns, &sight, |seen| {
-            let whole = Sights::new(&sight, seen.to_vec(), lamps);
+            let whole = Sights::new(&sight, seen.to_vec(), lamps, views);
             if self.is_smooth || !self.direct.has_sharp_shadows() {
                 return Ok(whole);
             }
@@ -322,6 +323,7 @@ impl Light {
                 &sight,
                 edges::cut(&sight, seen, &sunlit, coverage.width() as usize, is_glossy),
                 lamps,
+                views,
             ))
         })
     }

@@ -18,8 +18,9 @@ pub const POINTS: usize = 64;
 /// Chunks of points whose light is asked for at once.
 pub const RUNS: usize = 4096;
 
-/// Largest number of pairs of a point and a lamp to hold: 200 MB.
+/// Largest number of pairs of a point and a lamp to hold: of one picture 250 MB, of all 1 GB.
 const MOST_KEPT: usize = 8_000_000;
+const MOST_OF_ALL: usize = 32_000_000;
 
 /// The light of lamps at each point.
 pub type LampLight<'a> = Cow<'a, [PointLight]>;
@@ -122,9 +123,10 @@ pub struct Sights {
 }
 
 impl Sights {
-    /// The points of all faces seen. `lamps`: of how many a point sees light, which decides whether it can be held.
-    pub fn new(sight: &Sight, seen: Vec<FaceInPixel>, lamps: usize) -> Self {
-        let held = seen.len().saturating_mul(lamps) <= MOST_KEPT;
+    /// The points of all faces seen. Of how many `lamps` a point sees light, and the number of `views`, decide whether light can be held.
+    pub fn new(sight: &Sight, seen: Vec<FaceInPixel>, lamps: usize, views: usize) -> Self {
+        let most = MOST_KEPT.min(MOST_OF_ALL / views.max(1));
+        let held = seen.len().saturating_mul(lamps) <= most;
         let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (place, seen) in seen.iter().enumerate() {
             by_face.entry(seen.face).or_default().push(place);

@@ -3,6 +3,8 @@
 //! Light is even over a triangle. Among dense blockers it falls off along one within about the distance of the next surface, and what is
 //! brightest is what the room sees best: evenly, too little of it leaves.
 
+use super::refine::cut_coarse;
+use super::too_coarse;
 use crate::path_tracer::PathTracer;
 use antirad_core::direct::from_front;
 use antirad_core::model::Facet;
@@ -25,18 +27,23 @@ const DARK: f64 = 0.05;
 /// What limits grow by where the mesh would have too many triangles.
 const LOOSER: f64 = 1.2;
 
-/// Where visibility is explicit, cuts lit triangles with sides longer than the median distance of what lies before them and 3 % of the scene's
-/// diagonal, or as many times as long as `max_triangles` asks for. Returns the original triangle of each new one; `None` where visibility is implicit.
-pub fn cut_long(scene: &mut Scene, max_triangles: usize) -> Option<Vec<u32>> {
+/// Cuts the mesh of a scene whose visibility is explicit, as far as `max_triangles` allows: one that is [far too coarse](super::too_coarse) for the
+/// light of lamps, as [`refine`](super::refine) does at first, and then lit triangles with sides longer than the median distance of what lies
+/// before them and 3 % of the scene's diagonal. Returns the original triangle of each new one; `None` where visibility is implicit.
+pub fn cut_for_rays(scene: &mut Scene, max_triangles: usize) -> Option<Vec<u32>> {
     if !is_explicit(scene) {
         return None;
     }
+    let coarse = match too_coarse(scene) {
+        true => cut_coarse(scene, max_triangles),
+        false => (0..scene.triangles.len() as u32).collect(),
+    };
     let mut limits = limits(scene);
     let given = scene.clone();
     loop {
         let parents = scene.split_long(&limits);
         if parents.len() <= max_triangles.max(limits.len()) {
-            return Some(parents);
+            return Some(parents.into_iter().map(|parent| coarse[parent as usize]).collect());
         }
         *scene = given.clone();
         limits.iter_mut().for_each(|limit| *limit *= LOOSER);
@@ -72,5 +79,10 @@ fn limits(scene: &Scene) -> Vec<f64> {
         let is_lit_and_long = longest > limit && irradiance(i) > DARK * mean;
         if is_lit_and_long { limit } else { f64::INFINITY }
     };
-    (0..count).into_par_iter().map(limit).collect()
+    let of_fronts: Vec<f64> = (0..count).into_par_iter().map(limit).collect();
+    // Both sides of a sheet are cut alike.
+    let other = scene.other_sides();
+    (0..count)
+        .map(|i| other[i].map_or(of_fronts[i], |back| of_fronts[i].min(of_fronts[back as usize])))
+        .collect()
 }

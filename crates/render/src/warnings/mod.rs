@@ -13,7 +13,7 @@ mod refine;
 mod shadows;
 
 pub use effect::{Effect, MATTERS, told_from};
-pub use free_path::cut_long;
+pub use free_path::cut_for_rays;
 pub(crate) use refine::CUT;
 pub use refine::{RefineError, RefineOptions, Refined, refine};
 pub use shadows::too_coarse;

@@ -128,7 +128,7 @@ pub fn refine(
 }
 
 /// Cuts a mesh that is far too coarse for the light of lamps: the triangle of each new one.
-fn cut_coarse(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
+pub(super) fn cut_coarse(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
     let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
     loop {
         let mut flooded = with_other_sides(scene, shadows::flooded(scene));
