@@ -124,7 +124,7 @@ fn long_triangles_among_dense_blockers_are_cut() {
     assert!(of_rods.filter(|t| parents.iter().filter(|p| *p == t).count() > 2).count() >= 4, "a rod is cut");
     let found = [&given, &scene].map(|scene| {
         let (_, solution) = solve(&backend, scene, &scene.settings);
-        let means = errors(scene, &solution.irradiance, 23);
+        let means = errors(scene, &solution.irradiance, 11);
         println!("{} triangles: mean {:+.4}, L2 {:.4}", scene.triangles.len(), means[0], means[1]);
         means
     });
