@@ -106,6 +106,28 @@ fn mitsuba_keeps_geometry_lamps_and_diffuse_materials() {
     assert!((a.fov_x_degrees - b.fov_x_degrees).abs() < 1e-9 && a.position.abs_diff_eq(b.position, 1e-12));
 }
 
+/// Two triangles in one place would hide each other at random there: a sheet is one shape of two sides, and has two triangles again when it is read.
+#[test]
+fn sheets_are_shapes_of_two_sides_for_mitsuba() {
+    let corners =
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]].map(DVec3::from).to_vec();
+    let faces = vec![[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]];
+    let grey = Material { albedo: [0.5; 3], ..Material::named("grey") };
+    let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
+    let mut builder = SceneBuilder::new();
+    builder.mesh("sheet", corners.clone(), faces.clone(), &grey, DAffine3::IDENTITY);
+    builder.mesh("lamp", corners, faces, &lamp, DAffine3::from_translation(DVec3::Z));
+    let scene = builder.finish("s").expect("a scene");
+    let copy = again(&scene, Format::Mitsuba, None);
+    assert_eq!(copy.triangles.len(), 8);
+    assert!(copy.other_sides().iter().all(Option::is_some));
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("out.xml");
+    export(&scene, Format::Mitsuba, &path, None).expect("written");
+    let text = std::fs::read_to_string(&path).expect("text");
+    assert_eq!(text.matches("twosided").count(), 1, "{text}");
+}
+
 #[test]
 fn ply_keeps_vertices_to_the_bit_and_colours() {
     let scene = room();

@@ -18,20 +18,47 @@ pub fn write(scene: &Scene, path: &Path) -> Result<(), OutputError> {
         text += &bsdf(index, &scene.materials[index as usize]);
     }
     let mut number = 0;
+    let sheet = sheets(scene);
     for mesh in &scene.meshes {
-        let mut by_material: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        let mut alike: BTreeMap<(u32, bool), Vec<usize>> = BTreeMap::new();
         for t in mesh.range.start as usize..mesh.range.end as usize {
-            by_material.entry(scene.triangles[t].material).or_default().push(t);
+            if sheet[t] != Some(Side::Second) {
+                alike.entry((scene.triangles[t].material, sheet[t].is_some())).or_default().push(t);
+            }
         }
-        for (index, triangles) in by_material {
+        for ((index, two_sided), triangles) in alike {
             number += 1;
             let file = format!("{stem}_{number}.ply");
             ply::write(scene, &path.with_file_name(&file), &triangles, None)?;
-            text += &shape(&mesh.name, &file, index, &scene.materials[index as usize]);
+            text += &shape(&mesh.name, &file, index, &scene.materials[index as usize], two_sided);
         }
     }
     text += "</scene>\n";
     atomic_write(path, |output| output.write_all(text.as_bytes()))
+}
+
+/// A side of a sheet.
+#[derive(Clone, Copy, PartialEq)]
+enum Side {
+    First,
+    Second,
+}
+
+/// The triangles whose other side has their material, and does not shine. Mitsuba meets either of two triangles in one place, so that sheets
+/// are one there, with a BSDF of two sides.
+fn sheets(scene: &Scene) -> Vec<Option<Side>> {
+    let other = scene.other_sides();
+    let side = |t: usize| {
+        let back = other[t]? as usize;
+        let alike = scene.triangles[t].material == scene.triangles[back].material;
+        let shines = scene.material(t).emission != [0.0; 3];
+        (alike && !shines && other[back] == Some(t as u32)).then_some(if t < back {
+            Side::First
+        } else {
+            Side::Second
+        })
+    };
+    (0..other.len()).map(side).collect()
 }
 
 fn rgb(name: &str, [r, g, b]: [f64; 3]) -> String {
@@ -69,7 +96,9 @@ fn bsdf(index: u32, material: &Material) -> String {
     format!("    <!-- {} -->\n    {inner}</bsdf>\n", name.replace("--", "__"))
 }
 
-fn shape(mesh: &str, file: &str, index: u32, material: &Material) -> String {
+fn shape(mesh: &str, file: &str, index: u32, material: &Material, two_sided: bool) -> String {
+    let bsdf = format!("<ref id=\"m{index}\"/>");
+    let bsdf = if two_sided { format!("<bsdf type=\"twosided\">{bsdf}</bsdf>") } else { bsdf };
     let lamp = if material.emission == [0.0; 3] {
         String::new()
     } else {
@@ -77,7 +106,7 @@ fn shape(mesh: &str, file: &str, index: u32, material: &Material) -> String {
     };
     format!(
         "    <shape type=\"ply\" id=\"{} {}\">\n        <string name=\"filename\" value=\"{}\"/>\n        <boolean \
-         name=\"face_normals\" value=\"true\"/>\n        <ref id=\"m{index}\"/>\n{lamp}    </shape>\n",
+         name=\"face_normals\" value=\"true\"/>\n        {bsdf}\n{lamp}    </shape>\n",
         escaped(mesh),
         escaped(&material.name),
         escaped(file)
