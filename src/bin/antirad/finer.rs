@@ -30,8 +30,8 @@ impl Finer {
         }
     }
 
-    /// Cuts triangles where others touch them or pass through them, and then if the mesh is [far too coarse](too_coarse); either adds at
-    /// most [`UNASKED`]. `None` if the scene stays as it is.
+    /// Cuts triangles where others touch them or pass through them, and then for explicit visibility, at most [`AMONG_DENSE`] more, or if the mesh
+    /// is [far too coarse](too_coarse), at most [`UNASKED`] more. `None` if the scene stays as it is.
     pub fn where_needed(
         scene: &mut Scene,
         max_triangles: usize,
@@ -41,9 +41,12 @@ impl Finer {
         let given = scene.clone();
         let touched = finer.cut_contacts(scene, max_triangles, interrupt);
         if let Some(cut) = finer.cut_for_rays(scene, max_triangles, interrupt) {
-            // By the mesh as given: blockers of small triangles do not look dense.
-            scene.settings = scene.settings.visibility(VisibilityChoice::Explicit);
-            return Ok((touched || cut).then_some(finer));
+            if touched || cut {
+                // By the mesh as given: blockers of small triangles do not look dense.
+                scene.settings = scene.settings.visibility(VisibilityChoice::Explicit);
+                return Ok(Some(finer));
+            }
+            return Ok(None);
         }
         let looking = Working::on("looking for shadows");
         let count = scene.triangles.len();

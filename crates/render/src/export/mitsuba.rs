@@ -21,7 +21,7 @@ pub fn write(scene: &Scene, path: &Path) -> Result<(), OutputError> {
     let sheet = sheets(scene);
     for mesh in &scene.meshes {
         let mut alike: BTreeMap<(u32, bool), Vec<usize>> = BTreeMap::new();
-        for t in mesh.range.start as usize..mesh.range.end as usize {
+        for t in mesh.range.clone().map(|t| t as usize) {
             if sheet[t] != Some(Side::Second) {
                 alike.entry((scene.triangles[t].material, sheet[t].is_some())).or_default().push(t);
             }
