@@ -87,16 +87,12 @@ pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>,
         }
     } else if !plain.is_empty() {
         let (per, each) = match (is_segmented, alone) {
-            (true, _) => (Per::Segment, "segment of other meshes has one albedo."),
-            (false, Some(_)) => (
-                Per::Triangle,
-                "triangle has one albedo. `objects = true` of a mesh tells its objects apart.",
-            ),
-            (false, None) => {
-                (Per::Mesh, "other mesh has one albedo. `objects = true` of a mesh tells its objects apart.")
-            }
+            (true, _) => (Per::Segment, "segment of other meshes"),
+            (false, Some(_)) => (Per::Triangle, "triangle"),
+            (false, None) => (Per::Mesh, "other mesh"),
         };
-        assumed.push(format!("No [[fit]]: each {each}"));
+        let remedy = if is_segmented { "" } else { " `objects = true` of a mesh tells its objects apart." };
+        assumed.push(format!("No [[fit]]: each {each} has one albedo.{remedy}"));
         fits.push(Fit::new(Quantity::Albedo).per(per).meshes(Some(names(&plain))));
     }
     Ok((fits, assumed))

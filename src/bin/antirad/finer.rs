@@ -41,12 +41,12 @@ impl Finer {
         let given = scene.clone();
         let touched = finer.cut_contacts(scene, max_triangles, interrupt);
         if let Some(cut) = finer.cut_for_rays(scene, max_triangles, interrupt) {
-            if touched || cut {
+            let changed = touched || cut;
+            if changed {
                 // By the mesh as given: blockers of small triangles do not look dense.
                 scene.settings = scene.settings.visibility(VisibilityChoice::Explicit);
-                return Ok(Some(finer));
             }
-            return Ok(None);
+            return Ok(changed.then_some(finer));
         }
         let looking = Working::on("looking for shadows");
         let count = scene.triangles.len();

@@ -1,7 +1,7 @@
 //! The choice of lamps, the emitters whose direct light is computed separately from U, and of their
 //! visibility.
 
-use super::visibility::is_explicit;
+use super::visibility::is_explicit_among;
 use super::{Placement, Plan, PlanError, PlanOptions};
 use crate::direct::{DirectLight, FEW_LAMPS, Lamp, Visibility, lamps, suns};
 use crate::model::{Bins, Facet, coplanar_tolerance};
@@ -130,8 +130,8 @@ pub(super) fn choose(
 /// from U.
 pub fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
     let facets = Placement::of(scene).facets(scene);
+    let explicit = is_explicit_among(&facets, &scene.settings);
     // Nothing is refused without derivatives.
-    let explicit = is_explicit(scene);
     let Chosen { lamps, visibility, .. } =
         choose(scene, &facets, &scene.settings, &PlanOptions::default(), explicit).unwrap_or_default();
     (facets, lamps, visibility)

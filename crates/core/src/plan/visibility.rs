@@ -1,7 +1,6 @@
 //! The choice between implicit visibility, by antiradiance, and explicit visibility, by rays.
 
-use super::Placement;
-use super::{Occlusion, PlanError, PlanOptions};
+use super::{Occlusion, Placement, PlanError, PlanOptions};
 use crate::direct::from_front;
 use crate::model::{Facet, rays_among};
 use antirad_scene::{Scene, SolveSettings, VisibilityChoice};
@@ -41,9 +40,13 @@ pub(super) fn why_explicit(
 
 /// Whether plans of a scene without derivatives by positions have explicit visibility, since its settings state it or its blockers are dense.
 pub fn is_explicit(scene: &Scene) -> bool {
-    let facets = Placement::of(scene).facets(scene);
+    is_explicit_among(&Placement::of(scene).facets(scene), &scene.settings)
+}
+
+/// The same of the facets of the scene.
+pub(super) fn is_explicit_among(facets: &[Facet], settings: &SolveSettings) -> bool {
     // Nothing is refused without derivatives.
-    why_explicit(&facets, &scene.settings, &PlanOptions::default()).is_ok_and(|why| why.is_some())
+    why_explicit(facets, settings, &PlanOptions::default()).is_ok_and(|why| why.is_some())
 }
 
 /// The share of rays from fronts that meet more than [`IN_A_ROW`] fronts in a row, each so close before the next that it subtends more than a

@@ -9,7 +9,7 @@ use crate::path_tracer::PathTracer;
 use antirad_core::direct::from_front;
 use antirad_core::model::Facet;
 use antirad_core::plan::is_explicit;
-use antirad_scene::{Rays, Scene, bounds};
+use antirad_scene::{Scene, bounds};
 use rayon::prelude::*;
 
 /// Sides longer than so many free paths are cut.
@@ -54,9 +54,10 @@ pub fn cut_for_rays(scene: &mut Scene, max_triangles: usize) -> Option<Vec<u32>>
 fn limits(scene: &Scene) -> Vec<f64> {
     let count = scene.triangles.len();
     let facets: Vec<Facet> = (0..count).map(|i| Facet::new(scene.corners(i))).collect();
-    let (rays, tracer) = (Rays::new(scene), PathTracer::new(scene));
+    let tracer = PathTracer::new(scene);
     let free_path = |i: usize| {
-        let first = |(origin, ray)| rays.nearest(origin, ray, Some(i)).map_or(f64::INFINITY, |(_, at)| at);
+        let nearest = |(origin, ray)| tracer.rays().nearest(origin, ray, Some(i));
+        let first = |ray| nearest(ray).map_or(f64::INFINITY, |(_, at)| at);
         let mut distances: Vec<f64> = from_front(&facets[i], i as u64, RAYS).map(first).collect();
         distances.sort_by(f64::total_cmp);
         distances[distances.len() / 2]
