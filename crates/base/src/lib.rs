@@ -5,6 +5,7 @@
 pub mod input;
 mod options;
 pub mod output;
+pub mod parallel;
 pub mod ranks;
 pub mod usage;
 mod watch;

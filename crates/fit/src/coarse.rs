@@ -7,7 +7,7 @@ use super::regulariser::{Regulariser, Regularisers};
 use super::renderer::Renderer;
 use super::settings::StopRule;
 use super::target::Target;
-use rayon::prelude::*;
+use antirad_base::parallel;
 use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
 
@@ -130,17 +130,12 @@ impl Problem {
 fn averaged_down(targets: &[Target]) -> Vec<Target> {
     let pixels: usize = targets.iter().map(|target| target.pixels.len()).sum();
     let wanted = (pixels as f64 / PIXELS as f64).sqrt().round().max(1.0) as u32;
-    targets
-        .par_iter()
-        .map(|target| {
-            let sides = [target.camera.width, target.camera.height];
-            let suits = |factor: &u32| {
-                sides
-                    .iter()
-                    .all(|side| side.is_multiple_of(*factor) && (*factor == 1 || side / factor >= SIDE))
-            };
-            let factor = (1..=wanted).rev().find(suits).unwrap_or(1);
-            target.averaged(factor)
-        })
-        .collect()
+    parallel::map(targets, |target| {
+        let sides = [target.camera.width, target.camera.height];
+        let suits = |factor: &u32| {
+            sides.iter().all(|side| side.is_multiple_of(*factor) && (*factor == 1 || side / factor >= SIDE))
+        };
+        let factor = (1..=wanted).rev().find(suits).unwrap_or(1);
+        target.averaged(factor)
+    })
 }

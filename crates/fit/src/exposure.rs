@@ -7,9 +7,9 @@ use super::loss::PictureLoss;
 use super::median::median;
 use super::response::{ByRise, RISES, ResponseCurve};
 use super::target::Target;
+use antirad_base::parallel;
 use glam::DVec3;
 use nalgebra::SMatrix;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// What of the factors between radiance and the numbers of a picture is unknown.
@@ -133,7 +133,7 @@ pub fn sensors(
         .into_iter()
         .map(|views| Camera { gains: grouped(views.into_iter(), same_gain), targets, pictures, loss })
         .collect();
-    let found: Option<Vec<_>> = cameras.par_iter().map(Camera::found).collect();
+    let found: Option<Vec<_>> = parallel::map(&cameras, Camera::found).into_iter().collect();
     for (view, sensor) in found?.into_iter().flatten() {
         sensors[view] = sensor;
     }
@@ -221,12 +221,12 @@ impl Camera<'_> {
     fn parabolas(&self, sensors: &[Sensor]) -> Option<Vec<Parabola>> {
         let of_group = |(views, sensor): (&Vec<usize>, &Sensor)| {
             let of_views: Option<Vec<Parabola>> =
-                views.par_iter().map(|&view| self.parabola(view, sensor)).collect();
+                parallel::map(views, |&view| self.parabola(view, sensor)).into_iter().collect();
             let mut sum = Parabola::default();
             of_views?.iter().for_each(|more| sum.add(more));
             Some(sum)
         };
-        self.gains.par_iter().zip(sensors).map(of_group).collect()
+        parallel::map(self.gains.iter().zip(sensors), of_group).into_iter().collect()
     }
 
     fn parabola(&self, view: usize, sensor: &Sensor) -> Option<Parabola> {

@@ -1,8 +1,8 @@
 //! Losses between a picture and its target: value and gradient per pixel, in linear RGB.
 
 use super::Target;
+use antirad_base::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// A loss between pictures. Implement it for a custom loss.
@@ -157,7 +157,7 @@ fn allowance(target: &Target, mean: f64) -> f64 {
 /// Local means of targets, if a loss is relative to them.
 fn means_of(kind: LossKind, targets: &[Target]) -> Vec<Vec<DVec3>> {
     match kind {
-        LossKind::Huber => targets.par_iter().map(local_means).collect(),
+        LossKind::Huber => parallel::map(targets, local_means),
         _ => Vec::new(),
     }
 }

@@ -5,10 +5,10 @@ use super::response::Response;
 use super::segments::check_number;
 use super::target::{Target, open_mask, unreadable, weights};
 use super::target_table::{Treatment, averaged};
+use antirad_base::parallel;
 use antirad_base::setters;
 use antirad_render::image::{Photo, PhotoLabels, PhotoMask};
 use antirad_scene::{Camera, CameraSet, Frame, Lens, SceneError};
-use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Photographs in memory at once: each takes up to some hundred megabytes until it is averaged.
@@ -116,7 +116,7 @@ impl Photographs {
     pub(super) fn read(&self) -> Result<Vec<(Target, usize)>, String> {
         let mut targets = Vec::with_capacity(self.set.frames.len());
         for frames in self.set.frames.chunks(rayon::current_num_threads().min(AT_ONCE)) {
-            let read: Vec<_> = frames.par_iter().map(|frame| self.target(frame)).collect();
+            let read = parallel::map(frames, |frame| self.target(frame));
             // The first error in the order of the frames, whichever was first.
             for target in read {
                 targets.push(target?);
@@ -132,8 +132,8 @@ impl Photographs {
             let of_picture = || Photo::size(&self.path(frame).ok()?).ok();
             frame.intrinsics.size().or_else(of_picture).unwrap_or_default()
         };
-        let all: f64 =
-            self.set.frames.par_iter().map(|frame| size(frame).map(f64::from).iter().product::<f64>()).sum();
+        let pixels_of = |frame: &Frame| size(frame).map(f64::from).iter().product::<f64>();
+        let all: f64 = parallel::map(&self.set.frames, pixels_of).into_iter().sum();
         (all / pixels.max(1) as f64).sqrt().ceil().clamp(1.0, MOST_SHRUNK) as u32
     }
 

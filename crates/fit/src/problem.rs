@@ -6,10 +6,10 @@ use super::parameters::{Parameters, Shown};
 use super::regulariser::Regularisers;
 use super::renderer::{RenderError, Renderer};
 use super::target::Target;
+use antirad_base::parallel;
 use antirad_render::render::{Quantity, SceneGradient};
 use antirad_scene::Scene;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -334,7 +334,7 @@ impl Problem {
         let row = |i: usize| -> Vec<f64> {
             (0..=i).map(|j| weighted_product(&columns[i], &columns[j], &weights)).collect()
         };
-        let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(row).collect();
+        let rows: Vec<Vec<f64>> = parallel::map(0..n, row);
         let mut hessian = vec![0.0; n * n];
         for (i, row) in rows.iter().enumerate() {
             for (j, entry) in row.iter().enumerate() {
@@ -415,7 +415,7 @@ fn exposed<'a>(pictures: &'a [Vec<DVec3>], sensors: &[Sensor]) -> Cow<'a, [Vec<D
     if sensors.iter().all(Sensor::is_identity) {
         return Cow::Borrowed(pictures);
     }
-    Cow::Owned(pictures.par_iter().zip(sensors).map(|(picture, sensor)| sensor.numbers(picture)).collect())
+    Cow::Owned(parallel::map(pictures.iter().zip(sensors), |(picture, sensor)| sensor.numbers(picture)))
 }
 
 fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {

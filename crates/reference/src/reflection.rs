@@ -2,10 +2,10 @@
 
 use super::light::{DIFFUSE, INCIDENT, IRRADIANCE, Runs, SPECULAR};
 use super::{Model, Outgoing, State};
+use antirad_base::parallel;
 use antirad_core::model::{Dual, DualVector, Scalar, Vector};
 use antirad_scene::Material;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// E: emission as outgoing light.
@@ -53,7 +53,7 @@ impl Model {
     }
 
     fn of_triangles<T: Send>(&self, of: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-        (0..self.facets.len()).into_par_iter().map(of).collect()
+        parallel::map(0..self.facets.len(), of)
     }
 }
 

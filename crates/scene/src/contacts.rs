@@ -7,12 +7,12 @@ use super::adjacency::Edge;
 use super::rays::boxed;
 use super::refine::Part;
 use super::{Edges, Scene, Welded, bounds, sides};
+use antirad_base::parallel;
 use glam::{DVec2, DVec3};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
-use rayon::prelude::*;
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 use std::cmp::Reverse;
 use std::collections::HashMap;
@@ -156,7 +156,7 @@ impl<'a> Contacts<'a> {
             let parts = triangulated(self.corners[t as usize], &lines, self.tolerance.max(SNAP * size))?;
             (parts.len() > 1).then_some((t, parts))
         };
-        (0..self.corners.len() as u32).into_par_iter().filter_map(cut).collect()
+        parallel::flat_map(0..self.corners.len() as u32, cut)
     }
 
     /// The root of the area of a triangle.

@@ -5,7 +5,7 @@
 use super::Scene;
 use super::contacts::TOLERANCE;
 use super::rays::{Rays, Side};
-use rayon::prelude::*;
+use antirad_base::parallel;
 
 /// Rays of a triangle, and the share of them that must meet something if it is enclosed.
 const RAYS: u32 = 64;
@@ -26,8 +26,7 @@ impl Scene {
         let mut suspects: Vec<(u32, Vec<usize>)> = Vec::new();
         let mut next = of;
         while !next.is_empty() {
-            let around: Vec<_> =
-                next.par_iter().map(|&t| self.fronts_around(t as usize, &rays, lift)).collect();
+            let around: Vec<_> = parallel::map(&next, |&t| self.fronts_around(t as usize, &rays, lift));
             for (t, fronts) in next.drain(..).zip(around) {
                 looked[t as usize] = true;
                 enclosed[t as usize] = fronts.is_some();

@@ -4,12 +4,12 @@ use super::adjacency::Edge;
 use super::contacts::{FINE, SMALL, SNAP};
 use super::rays::boxed;
 use super::{Edges, Scene, Welded, bounds, sides};
+use antirad_base::parallel;
 use glam::DVec3;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
-use rayon::prelude::*;
 use std::time::Duration;
 
 /// Cosine of the largest angle between faces of one smooth surface, 30°; larger ones are sharp edges.
@@ -26,10 +26,8 @@ impl Scene {
         let place = |position: u32| self.vertices[welded.first[position as usize] as usize];
         let surfaces = Surfaces::of(self, sizes);
         let shared: Vec<Edge> = edges.iter().filter(|edge| edge.len() > 1).collect();
-        let creases: Vec<Edge> = shared
-            .into_par_iter()
-            .filter(|edge| surfaces.meet_along(edge, edge.ends().map(&place)))
-            .collect();
+        let is_crease = |edge: &Edge| surfaces.meet_along(edge, edge.ends().map(&place));
+        let creases = parallel::flat_map(shared, |edge| Some(edge).filter(is_crease));
         let mut marked = vec![[false; 3]; if creases.is_empty() { 0 } else { faces.len() }];
         for (t, ends) in creases.into_iter().flat_map(Edge::directed) {
             let sides = sides(faces[t as usize]);

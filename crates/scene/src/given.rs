@@ -1,7 +1,7 @@
 //! Meshes as their files have them, of scenes in which they are simplified: values of a solve or a fit come back on these.
 
+use antirad_base::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -49,7 +49,7 @@ impl Scene {
                         let found = nearest.find((a + b + c) / 3.0, (b - a).cross(c - a));
                         range.start + found.map_or(0, |(t, _)| t)
                     };
-                    let found: Vec<u32> = triangles.par_iter().map(row).collect();
+                    let found: Vec<u32> = parallel::map(triangles, row);
                     // Then second sides, as in this scene.
                     let turned = |(&[a, b, c], &t): (&[u32; 3], &u32)| {
                         let other = others[t as usize].filter(|other| range.contains(other))?;

@@ -1,7 +1,7 @@
 //! Work of the host that ranks compute in shares.
 
 use super::{RankError, Ranks};
-use rayon::prelude::*;
+use crate::parallel;
 use serde::{Serialize, de::DeserializeOwned};
 
 impl Ranks {
@@ -19,7 +19,7 @@ impl Ranks {
     where
         T: Serialize + DeserializeOwned + Send,
     {
-        let own = self.own(count).into_par_iter().map_init(init, of).collect();
+        let own = parallel::map_init(self.own(count), init, of);
         self.merged(count, own)
     }
 

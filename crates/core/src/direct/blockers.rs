@@ -6,9 +6,9 @@ use super::polygon::{Polygon, connected, farthest, in_plane, mean, merged};
 use super::shaft::Shaft;
 use super::visible::{Geometry, Placed};
 use crate::model::{Facet, Hierarchy, coplanar_tolerance, spatial_order};
+use antirad_base::parallel;
 use antirad_scene::{Welded, bounds};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// Triangles per leaf of the search.
@@ -264,7 +264,7 @@ fn in_between(facets: &[Facet], tolerance: f64) -> Vec<u32> {
         let Facet { area, corners: [origin, ..], normal, .. } = facets[*i as usize];
         area > 0.0 && any_below(origin, normal) && any_below(origin, -normal)
     };
-    (0..facets.len() as u32).into_par_iter().filter(between).collect()
+    parallel::flat_map(0..facets.len() as u32, |i| Some(i).filter(between))
 }
 
 /// Across each edge of some polygons, the other that has the same edge in the opposite direction; where those of each polygon begin.

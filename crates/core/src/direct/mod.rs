@@ -34,6 +34,7 @@ pub use sampling::{STEPS, Sampling, Sums, from_front, mixed, sobol};
 pub use surface::{Flat, Surface, within};
 
 use crate::model::{Facet, FacetGradient, pull_unit};
+use antirad_base::parallel;
 use antirad_base::ranks::{RankError, Ranks};
 use antirad_gpu::GpuError;
 use antirad_scene::Material;
@@ -44,7 +45,6 @@ use highlight::Lobe;
 use many_lights::{Arrival, ManyLights, by_lamp};
 use quadrature::Cuts;
 pub use quadrature::{POINTS, Sample};
-use rayon::prelude::*;
 use rays::{Lit, Tracing};
 use sampling::{FEW, Origin, Share};
 use std::collections::BTreeMap;
@@ -320,7 +320,7 @@ impl DirectLight {
                 });
             }
         };
-        probes.par_iter().for_each_init(Visible::default, of_probe);
+        parallel::map_init(&probes, Visible::default, of_probe);
         work()
     }
 
@@ -620,7 +620,7 @@ impl DirectLight {
     ) -> Result<Vec<Vec<PointLight>>, GpuError> {
         let Some(tracing) = &self.tracing else {
             let of = |&(face, points): &(usize, &[DVec3])| self.at_points(facets, face, points);
-            return Ok(faces.par_iter().map(of).collect());
+            return Ok(parallel::map(faces, of));
         };
         let geometry = self.geometry(facets);
         let placed: Vec<Placed> = self.lamps.iter().map(|lamp| geometry.place(lamp)).collect();

@@ -12,9 +12,9 @@
 
 use super::sampling::from_front;
 use crate::model::{Facet, quarters};
+use antirad_base::parallel;
 use antirad_scene::Rays;
 use glam::{DVec3, Vec3Swizzles};
-use rayon::prelude::*;
 
 /// Times that a triangle is cut into quarters, and its parts.
 const CUTS: u32 = 2;
@@ -69,7 +69,7 @@ impl Openness {
             true => looked(facets, rays, i, emits(i)),
             false => (None, Lost::default()),
         };
-        let (parts, lost) = (0..facets.len()).into_par_iter().map(of).unzip();
+        let (parts, lost) = parallel::map(0..facets.len(), of).into_iter().unzip();
         Self { parts, lost }
     }
 

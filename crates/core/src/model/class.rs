@@ -3,8 +3,8 @@
 use super::facet::Facet;
 use super::hierarchy::{Hierarchy, Node, Sight};
 use super::order::{BoundedRun, spatial_order};
+use antirad_base::parallel;
 use antirad_scene::Scene;
-use rayon::prelude::*;
 
 /// What is modelled of a triangle beyond its irradiance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -33,13 +33,10 @@ const LEAF: usize = 16;
 pub fn classify(scene: &Scene) -> Vec<Class> {
     let facets: Vec<Facet> = (0..scene.triangles.len()).map(|i| Facet::new(scene.corners(i))).collect();
     let search = Search::new(&facets);
-    (0..facets.len())
-        .into_par_iter()
-        .map(|i| Class {
-            blocker: facets[i].area > 0.0 && search.casts_shadow(i),
-            glossy: facets[i].area > 0.0 && scene.material(i).is_glossy(),
-        })
-        .collect()
+    parallel::map(0..facets.len(), |i| Class {
+        blocker: facets[i].area > 0.0 && search.casts_shadow(i),
+        glossy: facets[i].area > 0.0 && scene.material(i).is_glossy(),
+    })
 }
 
 /// The height in metres below which a corner counts as lying in a plane.

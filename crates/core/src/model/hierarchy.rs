@@ -3,8 +3,8 @@
 
 use super::facet::Facet;
 use super::order::{BoundedRun, PADDING};
+use antirad_base::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Fraction of the tolerance by which bounds must clear it, so that their rounding decides nothing.
@@ -138,7 +138,7 @@ impl Hierarchy {
     pub fn around_moved(&self, facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
         let source = Source { facets, order, leaf, cut: () };
         let moved = |node: &Node| Node { next: node.next, ..source.node(node.leaves.clone()) };
-        Self::bounded(self.nodes.par_iter().map(moved).collect(), tolerance)
+        Self::bounded(parallel::map(&self.nodes, moved), tolerance)
     }
 
     fn bounded(nodes: Vec<Node>, tolerance: f64) -> Self {

@@ -2,20 +2,15 @@
 
 use super::facet::Facet;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Per facet, the first facet of the object that it belongs to. Facets hang together where corners are at the
 /// same place.
 pub fn objects(facets: &[Facet]) -> Vec<u32> {
-    let mut corners: Vec<([u64; 3], u32)> = facets
-        .par_iter()
-        .enumerate()
-        // Adding zero turns -0 into +0.
-        .flat_map_iter(|(i, facet)| {
-            facet.corners.map(|x| ((x + DVec3::ZERO).to_array().map(f64::to_bits), i as u32))
-        })
-        .collect();
-    corners.par_sort_unstable();
+    // Adding zero turns -0 into +0.
+    let place = |x: DVec3| (x + DVec3::ZERO).to_array().map(f64::to_bits);
+    let corners = facets.iter().zip(0..).flat_map(|(facet, i)| facet.corners.map(|x| (place(x), i)));
+    let mut corners: Vec<([u64; 3], u32)> = corners.collect();
+    corners.sort_unstable();
     let mut first: Vec<u32> = (0..facets.len() as u32).collect();
     for pair in corners.windows(2) {
         let [(here, a), (there, b)] = [pair[0], pair[1]];

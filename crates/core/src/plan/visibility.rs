@@ -3,9 +3,9 @@
 use super::{Occlusion, Placement, PlanError, PlanOptions};
 use crate::direct::from_front;
 use crate::model::{Facet, rays_among};
+use antirad_base::parallel;
 use antirad_scene::{Scene, SolveSettings, VisibilityChoice};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Rays of a triangle that look for dense blockers, and triangles that are looked at, at most.
@@ -66,6 +66,6 @@ fn dense_share(facets: &[Facet]) -> f64 {
     let step = facets.len().div_ceil(LOOKED_AT).max(1);
     let looked: Vec<usize> = (0..facets.len()).step_by(step).filter(|&i| facets[i].area > 0.0).collect();
     let dense = |&i: &usize| from_front(&facets[i], i as u64, EACH).filter(|&ray| is_dense(i, ray)).count();
-    let found: usize = looked.par_iter().map(dense).sum();
+    let found: usize = parallel::map(&looked, dense).into_iter().sum();
     found as f64 / (looked.len() * EACH as usize).max(1) as f64
 }

@@ -1,8 +1,8 @@
 //! The polytope of all emissions that explain a set of pictures.
 
 use super::LightMatrix;
+use antirad_base::parallel;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use rayon::prelude::*;
 use serde::Serialize;
 use std::error::Error;
 use std::f64::consts::PI;
@@ -166,7 +166,7 @@ impl Polytope {
             let most = most.max(self.emission[self.unseen[k]]);
             Interval { least: 0.0, most: most.is_finite().then_some(most), method: Method::ClosedForm }
         };
-        (0..self.unseen.len()).into_par_iter().map(brightest).collect()
+        parallel::map(0..self.unseen.len(), brightest)
     }
 
     /// The interval of a seen triangle (by its index in the scene); `None` if it is not seen. The upper end is its emission when

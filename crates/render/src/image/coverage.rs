@@ -1,7 +1,7 @@
 //! The share of each face in each pixel: the picture as a linear map of face colours, and its transpose.
 
+use antirad_base::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::bands::{Band, Grid, TILE, rotated};
 use super::faces::NONE;
@@ -90,7 +90,7 @@ impl Coverage {
             }
             (counts, shares)
         };
-        let rows: Vec<_> = samples.par_chunks(width * side).map(pixel_row).collect();
+        let rows = parallel::map(samples.chunks(width * side), pixel_row);
         let mut coverage = Self::empty(grid, sides.front.len());
         coverage.height = band.rows / grid.side;
         for (counts, shares) in rows {

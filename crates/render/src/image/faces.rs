@@ -1,9 +1,9 @@
 //! The faces that a camera may see.
 
 use super::projection::{Projected, View};
+use antirad_base::parallel;
 use antirad_scene::{Camera, Scene, SceneError};
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 
 /// Stands for a face in the background.
 pub(super) const NONE: u32 = u32::MAX;
@@ -31,14 +31,14 @@ pub(super) fn project(scene: &Scene, camera: &Camera) -> Result<Vec<Projected>, 
     for &number in &scene.degenerate {
         skip[number as usize] = true;
     }
-    Ok((0..scene.triangles.len())
-        .into_par_iter()
-        .filter(|&number| !skip[number])
-        .filter_map(|number| view.project(number as u32, scene.corners(number)))
-        .collect())
+    let project = |number: usize| match skip[number] {
+        true => None,
+        false => view.project(number as u32, scene.corners(number)),
+    };
+    Ok(parallel::flat_map(0..scene.triangles.len(), project))
 }
 
 /// The faces, rounded to what is compared at samples.
 pub(super) fn rounded(faces: Vec<Projected>) -> Vec<Projected> {
-    faces.into_par_iter().map(Projected::rounded).collect()
+    parallel::map(faces, Projected::rounded)
 }

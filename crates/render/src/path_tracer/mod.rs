@@ -12,12 +12,12 @@ mod lobe;
 mod numbers;
 mod picture;
 
+use antirad_base::parallel;
 use antirad_scene::{Material, Rays, Scene, Sun, bounds};
 use glam::DVec3;
 use lobe::Reflection;
 use numbers::{Numbers, estimate};
 pub use picture::{TracedPicture, TracedPixel};
-use rayon::prelude::*;
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
 
@@ -92,7 +92,7 @@ impl<'a> PathTracer<'a> {
 
     /// The mean irradiance of each triangle, W/m², from at least `samples` paths that start at stratified points on it.
     pub fn irradiance(&self, samples: u32) -> Vec<MonteCarloEstimate> {
-        (0..self.areas.len()).into_par_iter().map(|j| self.irradiance_of(j, samples)).collect()
+        parallel::map(0..self.areas.len(), |j| self.irradiance_of(j, samples))
     }
 
     /// The mean irradiance of one triangle, W/m², from at least `samples` paths that start at stratified

@@ -4,6 +4,7 @@ use super::lobe::Reflection;
 use super::numbers::{Numbers, estimate};
 use super::{MonteCarloEstimate, PathTracer};
 use crate::image::{Picture, View};
+use antirad_base::parallel;
 use antirad_scene::Camera;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -61,8 +62,8 @@ impl PathTracer<'_> {
     /// pictures have far less noise than pictures. The camera must be valid, see [`Camera::check`].
     pub fn picture(&self, camera: &Camera, samples: u32, seed: u64) -> TracedPicture {
         let view = View::new(camera);
-        let rows = (0..camera.height).into_par_iter();
-        let pixels = rows.flat_map_iter(|row| self.row(&view, camera.width, row, samples, seed)).collect();
+        let row = |row: u32| self.row(&view, camera.width, row, samples, seed);
+        let pixels = parallel::flat_map(0..camera.height, row);
         TracedPicture { width: camera.width, height: camera.height, pixels }
     }
 

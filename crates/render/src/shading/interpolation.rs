@@ -5,10 +5,10 @@
 //! inside. Iterating v <- v + (b - A v) from the means b sharpens it again (van Cittert 1931), until the mean of what is interpolated is
 //! nearly b. The eigenvalues of A are between 0 and 1 on flat surfaces, so that [`STEPS`] steps amplify nothing more than 1 + [`STEPS`] times.
 
+use antirad_base::parallel;
 use antirad_core::model::Facet;
 use antirad_scene::{Edges, Fans, SAME_SURFACE, Scene, Welded, sides};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Steps of sharpening. In pictures of `cornell_boxes` two bring most of what many bring.
@@ -68,7 +68,7 @@ impl Interpolation {
     /// The mean of what is interpolated over each face.
     pub fn means(&self, facets: &[Facet], values: &[DVec3]) -> Vec<DVec3> {
         let mean = |face: usize| self.corners(facets, values, face).iter().sum::<DVec3>() / 3.0;
-        (0..values.len()).into_par_iter().map(mean).collect()
+        parallel::map(0..values.len(), mean)
     }
 
     /// The transpose of [`Self::sharpened`], and the derivative by the area of each face.

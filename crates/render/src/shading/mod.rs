@@ -17,6 +17,7 @@ mod sights;
 pub use backward::{SeenFrom, ShadingError, TexelGradient, backward};
 
 use crate::image::{self, Coverage, ImageError, Picture};
+use antirad_base::parallel;
 use antirad_base::ranks::RankError;
 use antirad_core::direct::{DirectLight, barycentric};
 use antirad_core::model::Facet;
@@ -27,7 +28,6 @@ use glam::DVec3;
 use interpolation::Interpolation;
 use near::{Lit, NearLight};
 use pattern::Spot;
-use rayon::prelude::*;
 use reflections::{Estimate, Faces, Glossy, Held, Surroundings};
 use sights::{Kept, LampLight, POINTS, Points, RUNS, Sight, Sights, light_of};
 use std::f64::consts::PI;
@@ -277,7 +277,7 @@ impl Light {
             let of_run = |((&k, run), light): ((&usize, &&Points), &LampLight)| {
                 difference(run, light, samples.as_ref().map(|of_runs| &of_runs[k]))
             };
-            found.par_extend(numbers.par_iter().zip(&runs).zip(&light).map(of_run));
+            found.extend(parallel::map(numbers.iter().zip(&runs).zip(&light), of_run));
         }
         let found = ranks.merged(count, found)?;
         let (mut errors, mut all) = (0.0, 0.0);

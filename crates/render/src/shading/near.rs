@@ -11,12 +11,12 @@
 //! means of H − N: N is smooth where faces are small beside the distance of senders, and there both are the same.
 
 use super::interpolation::Interpolation;
+use antirad_base::parallel;
 use antirad_core::direct::{DirectLight, Lamp, PointLight, barycentric};
 use antirad_core::model::{Facet, centroid, projected_solid_angle, quarters, rays_among};
 use antirad_gpu::GpuError;
 use antirad_scene::{Material, Rays};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
@@ -112,8 +112,7 @@ impl NearLight {
         let rays = rays_among(lit.facets);
         let mut near: Vec<Vec<Near>> = vec![];
         near.resize_with(lit.facets.len(), Vec::new);
-        let found: Vec<Vec<Near>> =
-            read.par_iter().map(|&face| lit.near(&rays, &ranges, &candidates, face)).collect();
+        let found: Vec<Vec<Near>> = parallel::map(&read, |&face| lit.near(&rays, &ranges, &candidates, face));
         let work: usize = found.iter().flatten().map(|near| if near.clear { 1 } else { BY_RAYS }).sum();
         if work > MOST_WORK {
             return Ok(None);
@@ -127,10 +126,9 @@ impl NearLight {
         let senders = lit.senders(&used, &ranges)?;
         let mut all = Self { rays, looks, near, senders, rest: Vec::new() };
         for pass in 0..PASSES {
-            let received: Vec<[DVec3; 16]> = read
-                .par_iter()
-                .map(|&face| middles(&lit.facets[face]).map(|p| all.received(lit.facets, face, p)))
-                .collect();
+            let received: Vec<[DVec3; 16]> = parallel::map(&read, |&face| {
+                middles(&lit.facets[face]).map(|p| all.received(lit.facets, face, p))
+            });
             let mut rest = lit.indirect_irradiance.to_vec();
             for (&face, received) in read.iter().zip(&received) {
                 rest[face] -= received.iter().sum::<DVec3>() / 16.0;
@@ -304,7 +302,7 @@ impl Lit<'_> {
             };
             rough.iter().map(of).fold(0.0, f64::max)
         };
-        (0..self.facets.len()).into_par_iter().map(range).collect()
+        parallel::map(0..self.facets.len(), range)
     }
 
     /// Whether the front of one face has some of the other before it, and the other way.

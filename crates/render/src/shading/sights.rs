@@ -2,12 +2,12 @@
 
 use super::pattern::Spot;
 use crate::image::{FaceInPixel, View};
+use antirad_base::parallel;
 use antirad_core::direct::{DirectLight, PointLight, barycentric};
 use antirad_core::model::Facet;
 use antirad_gpu::GpuError;
 use antirad_scene::Patterns;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -139,7 +139,7 @@ impl Sights {
             let spots: Vec<Spot> = of.iter().map(|&place| Spot::from(&seen[place])).collect();
             sight.points(face, of.to_vec(), &spots, held)
         };
-        let runs = runs.par_iter().map(points).collect();
+        let runs = parallel::map(&runs, points);
         Self { seen, runs, held }
     }
 
@@ -151,7 +151,7 @@ impl Sights {
             let pattern = sight.pattern(*face, &spots);
             Points { face: *face, of: of.clone(), at: at.clone(), light: light.clone(), pattern }
         };
-        Self { seen: self.seen.clone(), runs: self.runs.par_iter().map(points).collect(), held: self.held }
+        Self { seen: self.seen.clone(), runs: parallel::map(&self.runs, points), held: self.held }
     }
 }
 

@@ -6,11 +6,11 @@
 
 use super::mean_albedo;
 use crate::path_tracer::PathTracer;
+use antirad_base::parallel;
 use antirad_core::model::PADDING;
 use antirad_core::plan::Plan;
 use antirad_scene::{Scene, bounds};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Triangles that are tried; each stands for its neighbours in space with about the same normal.
 const TRIED: usize = 2000;
@@ -87,16 +87,13 @@ pub fn lit(scene: &Scene, plan: &Plan) -> Lit {
     let without_suns = PathTracer::new(&sunless);
     let outermost = Outermost::new(scene);
     let to_front = (PATHS_TO_FRONTS.div_ceil(runs.len().max(1)) as u32).min(PATHS);
-    let sides: Vec<[f64; 2]> = runs
-        .par_iter()
-        .map(|run| {
-            let middle = run[run.len() / 2] as usize;
-            // Walls are expected to keep suns out.
-            let to_back = if outermost.holds(middle) { &without_suns } else { &tracer };
-            let both = [tracer.irradiance_of(middle, to_front), to_back.irradiance_of_back(middle, PATHS)];
-            both.map(|side| side.mean.element_sum())
-        })
-        .collect();
+    let sides: Vec<[f64; 2]> = parallel::map(&runs, |run| {
+        let middle = run[run.len() / 2] as usize;
+        // Walls are expected to keep suns out.
+        let to_back = if outermost.holds(middle) { &without_suns } else { &tracer };
+        let both = [tracer.irradiance_of(middle, to_front), to_back.irradiance_of_back(middle, PATHS)];
+        both.map(|side| side.mean.element_sum())
+    });
     let area = |run: &[u32]| run.iter().map(|&i| plan.facets()[i as usize].area).sum::<f64>();
     let (light, all) = runs
         .iter()

@@ -5,11 +5,11 @@
 //! Unbalanced edges are split at vertices of others that lie on them, and tested again.
 
 use super::distance::to_triangle;
+use antirad_base::parallel;
 use antirad_core::model::{BoundedRun, Hierarchy, coplanar_tolerance};
 use antirad_core::plan::{PADDING, Plan};
 use antirad_scene::{self as scene, Welded, bounds, sides};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::HashSet;
 
 /// Triangles per leaf of the search for surfaces that edges stand on.
@@ -48,14 +48,11 @@ impl Edges {
             }
         }
         let standing = Standing::new(plan, tolerance);
-        edges.open = unshared
-            .par_iter()
-            .filter(|(t, [a, b])| {
-                let [a, b] = [vertices[*a as usize], vertices[*b as usize]];
-                ![0.25, 0.5, 0.75].iter().all(|&s| standing.on_another(*t, a.lerp(b, s)))
-            })
-            .map(|&(t, _)| t)
-            .collect();
+        edges.open = parallel::flat_map(unshared, |(t, ends)| {
+            let [a, b] = ends.map(|v| vertices[v as usize]);
+            let stands = [0.25, 0.5, 0.75].iter().all(|&s| standing.on_another(t, a.lerp(b, s)));
+            (!stands).then_some(t)
+        });
         edges.duplicate = duplicates(&faces);
         for list in [&mut edges.open, &mut edges.inconsistent] {
             list.sort_unstable();
@@ -115,7 +112,7 @@ fn cut(vertices: &[DVec3], edges: &[(u32, [u32; 2])], tolerance: f64) -> Vec<(u3
             std::iter::once(a).chain(inside.into_iter().map(|(_, v)| v)).chain([b]).collect();
         stops.windows(2).map(|run| (triangle, [run[0], run[1]])).collect::<Vec<_>>()
     };
-    edges.par_iter().flat_map_iter(pieces).collect()
+    parallel::flat_map(edges, pieces)
 }
 
 /// Finds triangles at a point.

@@ -6,9 +6,9 @@
 use super::gain::{Gain, Gains};
 use super::layers::Layers;
 use crate::path_tracer::PathTracer;
+use antirad_base::parallel;
 use antirad_core::plan::Plan;
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::HashSet;
 use std::fmt;
@@ -104,20 +104,17 @@ pub fn measured(plan: &Plan, tracer: &PathTracer, irradiance: &[[f64; 3]], conce
     }
     let places: Vec<&[u32]> = in_space.chunks(in_space.len().div_ceil(PLACES)).collect();
     // The mean error over each place, without that of noise, and noise, both times its area.
-    let errors: Vec<[f64; 2]> = places
-        .par_iter()
-        .map(|place| {
-            let (mut mean, mut noise) = (DVec3::ZERO, 0.0);
-            for (i, times) in by_area(place, area) {
-                let truth = tracer.irradiance_of(i as usize, PATHS * times);
-                let weight = f64::from(times) / f64::from(TRIED);
-                mean += weight * (DVec3::from(irradiance[i as usize]) - truth.mean);
-                noise += weight * weight * truth.error.length_squared();
-            }
-            let whole: f64 = place.iter().map(|&i| area(i)).sum();
-            [(mean.length_squared() - noise).max(0.0).sqrt(), noise.sqrt()].map(|error| whole * error / all)
-        })
-        .collect();
+    let errors: Vec<[f64; 2]> = parallel::map(&places, |place| {
+        let (mut mean, mut noise) = (DVec3::ZERO, 0.0);
+        for (i, times) in by_area(place, area) {
+            let truth = tracer.irradiance_of(i as usize, PATHS * times);
+            let weight = f64::from(times) / f64::from(TRIED);
+            mean += weight * (DVec3::from(irradiance[i as usize]) - truth.mean);
+            noise += weight * weight * truth.error.length_squared();
+        }
+        let whole: f64 = place.iter().map(|&i| area(i)).sum();
+        [(mean.length_squared() - noise).max(0.0).sqrt(), noise.sqrt()].map(|error| whole * error / all)
+    });
     let share = errors.iter().map(|[error, _]| error).sum();
     let noise = errors.iter().map(|[_, noise]| noise * noise).sum::<f64>().sqrt();
     Effect { share, measured: Some(noise) }

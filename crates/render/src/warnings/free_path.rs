@@ -6,11 +6,11 @@
 use super::refine::cut_coarse;
 use super::too_coarse;
 use crate::path_tracer::PathTracer;
+use antirad_base::parallel;
 use antirad_core::direct::from_front;
 use antirad_core::model::Facet;
 use antirad_core::plan::is_explicit;
 use antirad_scene::{Scene, bounds};
-use rayon::prelude::*;
 
 /// Sides longer than so many free paths are cut.
 const LONG: f64 = 1.0;
@@ -66,7 +66,7 @@ fn limits(scene: &Scene) -> Vec<f64> {
     let short = SHORT * low.distance(high);
     let irradiance = |i: usize| tracer.irradiance_of(i, PATHS).mean.element_sum();
     let tried: Vec<usize> = (0..count).step_by(count.div_ceil(TRIED).max(1)).collect();
-    let found: Vec<f64> = tried.par_iter().map(|&i| facets[i].area * irradiance(i)).collect();
+    let found: Vec<f64> = parallel::map(&tried, |&i| facets[i].area * irradiance(i));
     let mean = found.iter().sum::<f64>() / tried.iter().map(|&i| facets[i].area).sum::<f64>();
     let limit = |i: usize| {
         if facets[i].area <= 0.0 || scene.material(i).diffuse_albedo() == [0.0; 3] {
@@ -80,7 +80,7 @@ fn limits(scene: &Scene) -> Vec<f64> {
         let is_lit_and_long = longest > limit && irradiance(i) > DARK * mean;
         if is_lit_and_long { limit } else { f64::INFINITY }
     };
-    let of_fronts: Vec<f64> = (0..count).into_par_iter().map(limit).collect();
+    let of_fronts: Vec<f64> = parallel::map(0..count, limit);
     // Both sides of a sheet are cut alike.
     let other = scene.other_sides();
     (0..count)

@@ -7,6 +7,7 @@
 //! others. This factor is called gain, with the pieces of the near field in place of the whole blocker.
 
 use super::distance::between;
+use antirad_base::parallel;
 use antirad_core::model::{
     Bins, BoundedRun, Class, Facet, Hierarchy, Node, PADDING, QUARTER_RANGE, Sight, coplanar_tolerance,
     far_weight, morton, reaches,
@@ -14,7 +15,6 @@ use antirad_core::model::{
 use antirad_core::plan::Plan;
 use antirad_scene::bounds;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
@@ -80,34 +80,31 @@ impl Gains {
         let Surfaces { facets, order, .. } = surfaces;
         let search = Search::new(limit, surfaces);
         let meeting = Nearest::new(search.meeting());
-        let to_meeting: Vec<f64> = facets.par_iter().map(|facet| meeting.distance(facet.centroid)).collect();
+        let to_meeting: Vec<f64> = parallel::map(facets, |facet| meeting.distance(facet.centroid));
         let meets = |g: &Gain| {
             let (i, j) = (g.blocker as usize, g.receiver as usize);
             to_meeting[i].max(to_meeting[j]) <= facets[i].centroid.distance(facets[j].centroid)
         };
         let count = facets.len();
         let mut gains = Self { strongest: vec![Vec::new(); count], of_blocker: vec![None; count] };
-        let runs: Vec<(Strongest, HashMap<u32, Gain>)> = order
-            .par_chunks(RUN)
-            .map(|receivers| {
-                let mut of_blocker: HashMap<u32, Gain> = HashMap::new();
-                let mut strongest = Vec::new();
-                for receiver in real(receivers) {
-                    let mut all = search.gains(receiver);
-                    all.retain(|g| !meets(g));
-                    for g in &all {
-                        let best = of_blocker.entry(g.blocker).or_insert(*g);
-                        if g.gain > best.gain {
-                            *best = *g;
-                        }
+        let runs: Vec<(Strongest, HashMap<u32, Gain>)> = parallel::map(order.chunks(RUN), |receivers| {
+            let mut of_blocker: HashMap<u32, Gain> = HashMap::new();
+            let mut strongest = Vec::new();
+            for receiver in real(receivers) {
+                let mut all = search.gains(receiver);
+                all.retain(|g| !meets(g));
+                for g in &all {
+                    let best = of_blocker.entry(g.blocker).or_insert(*g);
+                    if g.gain > best.gain {
+                        *best = *g;
                     }
-                    all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-                    all.truncate(STRONGEST);
-                    strongest.push(all);
                 }
-                (strongest, of_blocker)
-            })
-            .collect();
+                all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+                all.truncate(STRONGEST);
+                strongest.push(all);
+            }
+            (strongest, of_blocker)
+        });
         for (strongest, of_blocker) in runs {
             for list in strongest {
                 if let Some(receiver) = list.first().map(|g| g.receiver) {
@@ -181,7 +178,7 @@ impl<'a> Search<'a> {
         let meeting = |&receiver: &u32| {
             self.before(receiver, near).filter_map(move |blocker| self.touching(blocker, receiver))
         };
-        receivers.par_iter().flat_map_iter(meeting).collect()
+        parallel::flat_map(&receivers, meeting)
     }
 
     /// The midpoint between the centroids of a blocker and a receiver behind it, if they touch.

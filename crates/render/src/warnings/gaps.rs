@@ -1,10 +1,10 @@
 //! Gaps narrower than the triangles on their sides, from which light leaks.
 
 use super::distance::between;
+use antirad_base::parallel;
 use antirad_core::model::{BoundedRun, Facet, Hierarchy, coplanar_tolerance, reaches};
 use antirad_core::plan::{PADDING, Plan};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// A gap is narrow below this multiple of the size √s of the larger triangle.
 const NARROW: f64 = 0.5;
@@ -56,7 +56,7 @@ pub fn gaps(plan: &Plan) -> Vec<Gap> {
             .filter_map(|&other| narrow(wide, other))
             .min_by(|a, b| a.share.total_cmp(&b.share))
     };
-    order.par_iter().filter_map(narrowest).collect()
+    parallel::flat_map(&order, narrowest)
 }
 
 /// The shortest vector between two roughly parallel facets, or `None` where it is certainly longer than `most`.

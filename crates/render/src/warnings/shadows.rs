@@ -3,12 +3,12 @@
 //! What such a triangle reflects leaves it evenly. Its own irradiance is right, since direct light is exact, and so is its picture,
 //! where direct light is gathered; what others receive from it is not.
 
+use antirad_base::parallel;
 use antirad_core::direct::{DirectLight, Lamp, POINTS, Polygon, at, vector_irradiance};
 use antirad_core::model::{Facet, quarters};
 use antirad_core::plan::{Plan, direct_lamps};
 use antirad_scene::Scene;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// Share of a triangle in the error of reflected light of lamps from which it is coarse by any standard, and that error, by such triangles,
@@ -84,8 +84,7 @@ pub fn uneven(scene: &Scene, plan: &Plan, limit: f64) -> Vec<(u32, f64)> {
     let light =
         DirectLight::of_points(facets, plan.lamps().to_vec(), plan.visibility(), |i| scene.material(i));
     let reflected = Reflected::new(scene, facets, light.with_rays(RAYS));
-    let all: Vec<[f64; 2]> =
-        (0..facets.len()).into_par_iter().map(|i| reflected.mean_and_variance(i, &POINTS)).collect();
+    let all: Vec<[f64; 2]> = parallel::map(0..facets.len(), |i| reflected.mean_and_variance(i, &POINTS));
     let square: f64 = all.iter().zip(facets).map(|([square, _], facet)| square * facet.area).sum();
     let share = |(i, [_, variance]): (usize, &[f64; 2])| {
         (i as u32, (variance * facets[i].area / square.max(f64::MIN_POSITIVE)).sqrt())
@@ -101,7 +100,7 @@ pub fn flooded(scene: &Scene) -> Vec<u32> {
     let (facets, lamps, _) = direct_lamps(scene);
     let emitted = Emitted::new(scene, &facets, &lamps);
     let all = 0..facets.len() as u32;
-    all.into_par_iter().filter(|&i| emitted.share(i as usize) > MOST_OF_THE_LIGHT).collect()
+    parallel::flat_map(all, |i| (emitted.share(i as usize) > MOST_OF_THE_LIGHT).then_some(i))
 }
 
 /// The light that lamps other than suns emit, as if nothing stood in its way.
@@ -176,24 +175,21 @@ pub fn too_coarse(scene: &Scene) -> bool {
         return false;
     }
     let emitted = Emitted::new(scene, &facets, &lamps);
-    if (0..facets.len()).into_par_iter().any(|i| emitted.share(i) > FAR_TOO_MUCH_LIGHT) {
+    let is_flooded = |i: usize| emitted.share(i) > FAR_TOO_MUCH_LIGHT;
+    if parallel::map(0..facets.len(), is_flooded).contains(&true) {
         return true;
     }
     let light = DirectLight::of_points(&facets, lamps, visibility, |i| scene.material(i)).with_rays(RAYS);
     let unoccluded = Reflected::new(scene, &facets, light.clone().unblocked(&facets));
-    let squares: Vec<f64> = (0..facets.len())
-        .into_par_iter()
-        .map(|i| unoccluded.mean_and_variance(i, &CENTROIDS)[0] * facets[i].area)
-        .collect();
+    let square = |i: usize| unoccluded.mean_and_variance(i, &CENTROIDS)[0] * facets[i].area;
+    let squares: Vec<f64> = parallel::map(0..facets.len(), square);
     let all: f64 = squares.iter().sum();
     // A triangle of which one quarter alone is lit has a variance of three times its squared mean.
     let may_be_coarse = |i: &usize| 3.0 * squares[*i] > COARSE_TRIANGLE * COARSE_TRIANGLE * all;
     let candidates: Vec<usize> = (0..facets.len()).filter(may_be_coarse).collect();
     let reflected = Reflected::new(scene, &facets, light);
-    let found: Vec<[f64; 2]> = candidates
-        .par_iter()
-        .map(|&i| reflected.mean_and_variance(i, &CENTROIDS).map(|x| x * facets[i].area))
-        .collect();
+    let of_candidate = |&i: &usize| reflected.mean_and_variance(i, &CENTROIDS).map(|x| x * facets[i].area);
+    let found: Vec<[f64; 2]> = parallel::map(&candidates, of_candidate);
     let of_candidates: f64 = candidates.iter().map(|&i| squares[i]).sum();
     let lit = found.iter().map(|[square, _]| square).sum::<f64>() / of_candidates;
     let coarse = |variance: &f64| *variance > COARSE_TRIANGLE * COARSE_TRIANGLE * lit * all;

@@ -2,12 +2,12 @@
 
 mod simplified;
 
+use antirad_base::parallel;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::check::MAX_TRIANGLES;
 use super::error::{Place, SceneError, nearest};
@@ -359,7 +359,7 @@ impl Assembly {
             Pattern::new(maps, *index, mesh.uvs.get(face).copied(), mesh.colours.get(face).copied())
         };
         let (patterns, factors): (Vec<_>, Vec<[DVec3; 2]>) =
-            (0..mesh.faces.len()).into_par_iter().map(of_face).unzip();
+            parallel::map(0..mesh.faces.len(), of_face).into_iter().unzip();
         let mut of_faces = Vec::with_capacity(factors.len());
         for (&m, factors) in mesh.face_materials.iter().zip(factors) {
             let base = materials[m as usize];

@@ -1,8 +1,8 @@
 //! Where a surface curves, as opposed to planes and their edges and corners.
 
 use super::super::{Fans, Welded};
+use antirad_base::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Cosine of the largest angle between normals that count as one.
 const SAME: f64 = 0.985;
@@ -17,7 +17,7 @@ pub(super) fn curved(places: &[DVec3], triangles: &[[u32; 3]]) -> Vec<bool> {
         let [a, b, c] = corners.map(|v| places[v as usize]);
         (b - a).cross(c - a).normalize_or_zero()
     };
-    let normals: Vec<DVec3> = triangles.par_iter().map(normal).collect();
+    let normals: Vec<DVec3> = parallel::map(triangles, normal);
     let curves = |position: u32| {
         let mut ways: Vec<DVec3> = Vec::new();
         for &t in fans.around(position) {
@@ -28,6 +28,6 @@ pub(super) fn curved(places: &[DVec3], triangles: &[[u32; 3]]) -> Vec<bool> {
         }
         ways.len() > AT_CORNER
     };
-    let all: Vec<bool> = (0..welded.first.len() as u32).into_par_iter().map(curves).collect();
+    let all: Vec<bool> = parallel::map(0..welded.first.len() as u32, curves);
     welded.position.iter().map(|&position| all[position as usize]).collect()
 }

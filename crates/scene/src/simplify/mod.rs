@@ -9,11 +9,11 @@ mod curved;
 mod nearest;
 
 use super::bounds;
+use antirad_base::parallel;
 use curved::curved;
 use glam::{DVec2, DVec3};
 use meshopt::{SimplifyOptions, SimplifyVertex, simplify_with_attributes_and_locks_decoder};
 use nearest::Nearest;
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 pub(super) use nearest::{Nearest as NearestTriangle, beside};
@@ -117,7 +117,7 @@ pub(super) fn apart(given: &[[DVec3; 3]], surface: Vec<[DVec3; 3]>) -> [f64; 2] 
         let (_, distance) = surface.find((a + b + c) / 3.0, normal).unwrap_or_default();
         (normal.length(), distance)
     };
-    let found: Vec<(f64, f64)> = given.par_iter().map(of).collect();
+    let found: Vec<(f64, f64)> = parallel::map(given, of);
     let all: f64 = found.iter().map(|(area, _)| area).sum();
     let squares: f64 = found.iter().map(|(area, distance)| area * distance * distance).sum();
     let farthest = found.iter().map(|(_, distance)| *distance).fold(0.0, f64::max);

@@ -4,12 +4,12 @@ use super::super::bounds;
 use super::super::rays::boxed;
 use super::planes::Planes;
 use super::{Joints, NONE, Surface, normal};
+use antirad_base::parallel;
 use glam::DVec3;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2;
-use rayon::prelude::*;
 use std::time::Duration;
 
 /// In distances: how far apart touching surfaces may be.
@@ -34,8 +34,7 @@ impl Contacts {
     pub fn new(surface: &Surface, joints: &Joints, planes: &mut Planes) -> Self {
         let near = Near::new(surface, joints, planes);
         let own = own_planes(joints, planes);
-        let found: Vec<Vec<Touch>> =
-            (0..joints.places.len() as u32).into_par_iter().map(|joint| near.of(joint)).collect();
+        let found: Vec<Vec<Touch>> = parallel::map(0..joints.places.len() as u32, |joint| near.of(joint));
         let group = merge(surface, joints, planes, &found, &own);
         let leaning = leaning(surface, joints);
         let touched = |joint: usize| {

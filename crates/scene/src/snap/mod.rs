@@ -9,11 +9,11 @@ mod planes;
 mod seams;
 
 use super::{Edges, Scene, Welded, sides};
+use antirad_base::parallel;
 use contacts::Contacts;
 use glam::DVec3;
 use nalgebra::{DMatrix, DVector};
 use planes::{Plane, Planes};
-use rayon::prelude::*;
 
 /// In distances: the farthest that a vertex moves.
 const FARTHEST: f64 = 3.0;
@@ -169,12 +169,9 @@ fn snapped(surface: &Surface) -> (Vec<DVec3>, usize) {
     let mut planes = Planes::of(surface, &joints);
     let contacts = Contacts::new(surface, &joints, &mut planes);
     let of_joint = planes_of_joints(&joints, &planes, &contacts);
-    let mut places: Vec<DVec3> = joints
-        .places
-        .par_iter()
-        .zip(&of_joint)
-        .map(|(&place, own)| on_planes(place, own, &planes.planes, surface.distance))
-        .collect();
+    let mut places = parallel::map(joints.places.iter().zip(&of_joint), |(&place, own)| {
+        on_planes(place, own, &planes.planes, surface.distance)
+    });
     lamps::straighten(surface, &joints, &planes, &of_joint, &mut places);
     let before = places.clone();
     let convex = lamps::make_convex(surface, &joints, &of_joint, &mut places);
@@ -255,8 +252,8 @@ fn without_collapse(
         upright && height(after) >= COLLAPSED * height(before) && corners.iter().all(|&p| near(p))
     };
     loop {
-        let bad: Vec<u32> =
-            (0..surface.triangles.len() as u32).into_par_iter().filter(|&t| !is_sound(&stages, t)).collect();
+        let all = 0..surface.triangles.len() as u32;
+        let bad = parallel::flat_map(all, |t| Some(t).filter(|&t| !is_sound(&stages, t)));
         let mut changed = false;
         for &joint in bad.iter().flat_map(|&t| &joints.triangles[t as usize]) {
             let stage = &mut stages[joint as usize];

@@ -3,11 +3,11 @@
 use super::super::rays::boxed;
 use super::super::{Edges, bounds};
 use super::{NONE, Surface};
+use antirad_base::parallel;
 use glam::DVec3;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::builder::build_bvh2;
-use rayon::prelude::*;
 use std::time::Duration;
 
 /// In distances: how far the ends of two edges may be apart that belong together, no farther than the edges are long.
@@ -89,7 +89,7 @@ fn pairs(open: &[Open]) -> Vec<(f64, [u32; 2], [[u32; 2]; 2])> {
         });
         found
     };
-    let mut all: Vec<_> = (0..open.len() as u32).into_par_iter().flat_map_iter(of_edge).collect();
+    let mut all = parallel::flat_map(0..open.len() as u32, of_edge);
     all.sort_by_key(|(_, pair, _)| *pair);
     all.dedup_by_key(|(_, pair, _)| *pair);
     all
@@ -117,7 +117,7 @@ fn join_points(surface: &Surface, open: &[Open], joints: &mut Union) {
         });
         best.1
     };
-    let nearest: Vec<u32> = (0..points.len() as u32).into_par_iter().map(nearest).collect();
+    let nearest: Vec<u32> = parallel::map(0..points.len() as u32, nearest);
     for (k, &other) in (0..).zip(&nearest) {
         if other != NONE && k < other && nearest[other as usize] == k {
             let [a, b] = [k, other].map(|k| points[k as usize]);

@@ -15,8 +15,8 @@ use crate::model::facet::Facet;
 use crate::model::hierarchy::{Hierarchy, Node, Sight};
 use crate::model::order::{BoundedRun, PADDING};
 use crate::model::passing::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
+use antirad_base::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::f64::consts::{PI, SQRT_2};
 use std::ops::Range;
 
@@ -343,7 +343,7 @@ impl<'a> Acceptance<'a> {
             !few
         });
         let volumes = Some(volumes).filter(|_| self.volumes_pay(&together));
-        Some(together.into_par_iter().flat_map_iter(|at| self.lists_of(at, volumes)).collect())
+        Some(parallel::flat_map(together, |at| self.lists_of(at, volumes)))
     }
 
     /// Whether volumes shorten some of the lists enough.
@@ -354,7 +354,7 @@ impl<'a> Acceptance<'a> {
         let sample: Vec<usize> = receivers.iter().copied().step_by(step).collect();
         let length = |volumes: Option<u32>| -> usize {
             let of = |&at: &usize| self.lists_of(at, volumes).iter().map(Vec::len).sum::<usize>();
-            sample.par_iter().map(of).sum()
+            parallel::map(&sample, of).into_iter().sum()
         };
         self.volumes.is_some() && length(Some(0)) as f64 <= WORTH * length(None) as f64
     }

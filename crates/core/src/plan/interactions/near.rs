@@ -4,7 +4,7 @@ use super::{FarRuns, PAIR_NEAR};
 use crate::model::{BoundedRun, Class, Clusters, Facet, LIST, PADDING, reaches};
 use crate::plan::PlanError;
 use crate::plan::TileLayout;
-use rayon::prelude::*;
+use antirad_base::parallel;
 use std::ops::Range;
 
 /// Slots of the close partners of each target slot, ascending. Targets are receivers and partners sources, or
@@ -94,8 +94,7 @@ impl NearPairs {
             };
             slots.map(of).collect()
         };
-        let lists: Vec<Vec<u32>> =
-            (0..layout.slots() / run).into_par_iter().flat_map_iter(lists_of).collect();
+        let lists: Vec<Vec<u32>> = parallel::flat_map(0..layout.slots() / run, lists_of);
         let count = lists.iter().map(Vec::len).sum::<usize>();
         if u32::try_from(count).is_err() {
             return Err(PlanError::TooManyPairs { what: "close pairs", count: count as u64 });

@@ -5,8 +5,8 @@ use super::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use crate::model::{Facet, Hierarchy, Node, PADDING, Sight};
 use crate::plan::PlanError;
 use crate::plan::TileLayout;
+use antirad_base::parallel;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Determines what can pass between tiles.
 pub struct Passing<'a> {
@@ -53,8 +53,7 @@ impl<'a> Passing<'a> {
     /// # Errors
     /// Fails if the runs of tiles are more than 32-bit indices can address.
     pub fn runs(&self) -> Result<FarRuns, PlanError> {
-        let rows: Vec<Row> =
-            (0..self.tiles.len()).into_par_iter().map(|receiver| self.row(receiver)).collect();
+        let rows: Vec<Row> = parallel::map(0..self.tiles.len(), |receiver| self.row(receiver));
         FarRuns::new(&rows)
     }
 

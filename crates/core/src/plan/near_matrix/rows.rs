@@ -3,8 +3,8 @@
 use super::blocks::Blocks;
 use crate::model::{Bins, Class, ClosePair, Facet, PADDING, Piece, orthonormal_basis};
 use crate::plan::{NearPairs, TileLayout};
+use antirad_base::parallel;
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 /// Geometry that the weights depend on.
 pub struct Geometry<'a> {
@@ -54,13 +54,12 @@ impl Rows {
         receivers: &[u32],
         add: impl Fn(&mut Sums, u32, &mut Self) + Sync,
     ) -> Self {
-        let receivers = receivers.par_chunks(RECEIVERS).map(|receivers| {
+        let parts = parallel::map(receivers.chunks(RECEIVERS), |receivers| {
             let mut rows = Self::default();
             let mut sums = Sums::new(geometry, blocks);
             receivers.iter().for_each(|&slot| add(&mut sums, slot, &mut rows));
             rows
         });
-        let parts: Vec<Self> = receivers.collect();
         let mut all = Self::default();
         for mut part in parts {
             let before = all.columns.len() as u32;

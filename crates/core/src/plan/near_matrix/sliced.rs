@@ -3,6 +3,7 @@
 
 use super::blocks::{Blocks, IncidentPart, OutgoingPart};
 use super::rows::{Row, Rows};
+use antirad_base::parallel;
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -58,8 +59,7 @@ impl SlicedMatrix {
                 _ => matrix.blocks.push(Block { incident, outgoing, slices: at..at + 1 }),
             }
         }
-        let filled: Vec<(Vec<u32>, Vec<f64>)> =
-            slices.par_iter().map(|slice| fill(rows, slice, &factor)).collect();
+        let filled: Vec<(Vec<u32>, Vec<f64>)> = parallel::map(&slices, |slice| fill(rows, slice, &factor));
         for (slice, (columns, weights)) in slices.iter().zip(filled) {
             let indices = slice.iter().map(|row| row.index).chain(std::iter::repeat(NO_ROW));
             matrix.rows.extend(indices.take(SLICE as usize));

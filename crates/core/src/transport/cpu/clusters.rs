@@ -10,8 +10,8 @@ use crate::model::{Class, ClusterRun, Clusters, Parts};
 use crate::plan::Plan;
 use crate::transport::TransportError;
 use crate::transport::bin_shares::BinShares;
+use antirad_base::parallel;
 use antirad_base::usage::OverBudget;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// The light of the clusters of one group at a time.
@@ -195,7 +195,7 @@ impl<T: Real> ClusterBins<'_, T> {
                     add(share_of(self.facets, part, cluster), from, own);
                 }
             };
-            own.par_chunks_mut(page.reals).zip(of.clone()).for_each(gathered);
+            parallel::each(own.chunks_mut(page.reals).zip(of.clone()), gathered);
         }
     }
 
@@ -231,7 +231,7 @@ impl<T: Real> ClusterBins<'_, T> {
             own.push((&mut this[start - at..], part, cluster));
             (rest, at) = (behind, end);
         }
-        own.into_par_iter().for_each(|(to, part, cluster)| {
+        parallel::each(own, |(to, part, cluster)| {
             add(share_of(self.facets, part, cluster), &from[from_page.at(cluster)], to);
         });
     }

@@ -10,8 +10,8 @@ use super::scene::{Context, SLOT};
 use crate::backend::{Array, Cpu};
 use crate::model::{Class, ClusterRun, Clusters, Parts};
 use crate::plan::Plan;
+use antirad_base::parallel;
 use antirad_base::usage::OverBudget;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Offset in the gradient of a part at which the derivative by its share is kept.
@@ -167,7 +167,7 @@ impl<T: Real> ClusterCotangents<T> {
             };
             (cluster, parts.indices().map(of_part).collect::<Vec<_>>())
         };
-        let found: Vec<_> = run.range().into_par_iter().map(of_cluster).collect();
+        let found = parallel::map(run.range(), of_cluster);
         for (cluster, parts) in found {
             for (part, sum, by_centre) in parts {
                 gradients[part as usize * GRADIENT + SHARE] = sum;

@@ -7,7 +7,7 @@ use super::far_derivative::Slopes;
 use super::real::Real;
 use crate::model::{LIST, SOURCES};
 use crate::transport::shape::Shape;
-use rayon::prelude::*;
+use antirad_base::parallel;
 use std::ops::Range;
 
 /// Numbers of the gradient by one facet.
@@ -100,7 +100,7 @@ impl<T: Real> Derivative<'_, T> {
             let mut scratch = state();
             blocks.clone().map(|block| summed(&mut scratch, block)).collect()
         } else {
-            blocks.clone().into_par_iter().map_init(state, summed).collect()
+            parallel::map_init(blocks.clone(), state, summed)
         };
         for (block, sums) in blocks.zip(sums) {
             for (index, sum) in self.by.own(block).zip(sums) {

@@ -9,8 +9,8 @@ use super::taps::{Layout, add, flush};
 use crate::model::{Class, ENTRY_BITS, LIST, SourceLists};
 use crate::plan::{FarRuns, Group, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::transport::shape::Shape;
+use antirad_base::parallel;
 use antirad_gpu::vectorised;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Neighbouring receivers that a thread takes at a time.
@@ -122,7 +122,7 @@ impl<T: Real> Received<'_, T> {
             let mut scratch = state();
             own.into_iter().map(|own| received(&mut scratch, own)).collect()
         } else {
-            own.into_par_iter().map_init(state, received).collect()
+            parallel::map_init(own, state, received)
         };
         let slots = irradiance[(blocks.start * BLOCK) as usize * SLOT..].chunks_exact_mut(SLOT);
         for (to, sum) in slots.zip(sums.as_flattened()) {

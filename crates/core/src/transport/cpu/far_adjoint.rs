@@ -10,8 +10,8 @@ use super::taps::{Layout, add, flush, scaled};
 use crate::model::{Class, ENTRY_BITS, LIST, ReceiverLists, SOURCES};
 use crate::plan::{FarRuns, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use crate::transport::shape::Shape;
+use antirad_base::parallel;
 use antirad_gpu::vectorised;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Neighbouring sources of a tile that a thread takes at a time.
@@ -177,7 +177,7 @@ impl<T: Real> Importance<'_, T> {
             let mut scratch = state();
             own.into_iter().map(|own| summed(&mut scratch, own)).collect()
         } else {
-            own.into_par_iter().map_init(state, summed).collect()
+            parallel::map_init(own, state, summed)
         };
         for (block, sums) in blocks.zip(sums) {
             for (source, sums) in self.of.sources(block).zip(sums) {

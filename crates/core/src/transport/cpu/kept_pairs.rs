@@ -11,8 +11,8 @@ use super::taps::Tap;
 use crate::backend::Lease;
 use crate::plan::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use crate::transport::shape::Shape;
+use antirad_base::parallel;
 use antirad_base::usage::OverBudget;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// What passes to the receivers of a block.
@@ -151,7 +151,7 @@ impl<T: Real> KeptFar<T> {
                 kept: None,
             };
             let keep = |pairs: &mut Pairs<T, N>, block| received.keep(block, pairs).shrink();
-            blocks(&slots).into_par_iter().map_init(|| Pairs::NONE, keep).collect()
+            parallel::map_init(blocks(&slots), || Pairs::NONE, keep)
         };
         let groups = 0..plan.layout.groups.len();
         let groups = groups.clone().map(|to| groups.clone().map(|from| of(to, from)).collect()).collect();

@@ -5,10 +5,10 @@ use super::real::Real;
 use crate::backend::{Cpu, Lease};
 use crate::plan::{LobeSlots, Plan};
 use crate::transport::scene_values::{SPECULAR, SURFACE};
+use antirad_base::parallel;
 use antirad_base::usage::OverBudget;
 use antirad_scene::Scene;
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Triangles whose bins are multiplied at once: enough for the speed of large matrices, few enough to be cached.
@@ -93,8 +93,7 @@ impl<T: Real> Lobes<T> {
         for (k, matrix) in self.matrices.iter().enumerate() {
             let parts: Vec<&[u32]> = self.slots(k, slots).chunks(TOGETHER).collect();
             for parts in parts.chunks(PARTS) {
-                let products: Vec<DMatrix<T>> =
-                    parts.par_iter().map(|slots| matrix * self.columns(side, slots, page, from)).collect();
+                let products = parallel::map(parts, |slots| matrix * self.columns(side, slots, page, from));
                 for (slots, product) in parts.iter().zip(products) {
                     let columns = product.as_slice().chunks_exact(self.projected.len() * self.channels);
                     for (&slot, values) in slots.iter().zip(columns) {
@@ -109,7 +108,7 @@ impl<T: Real> Lobes<T> {
                 let column = self.columns(side, &[slot], page, from);
                 self.lobe_of(surfaces, slot).map(|lobe| lobe * column)
             };
-            let products: Vec<Option<DMatrix<T>>> = slots.par_iter().map(product).collect();
+            let products = parallel::map(slots, product);
             for (&slot, product) in slots.iter().zip(products) {
                 let zero = || DMatrix::zeros(self.projected.len(), self.channels);
                 let product = product.unwrap_or_else(zero);
@@ -127,15 +126,14 @@ impl<T: Real> Lobes<T> {
         incident: &[T],
         cotangent: &[T],
     ) -> Vec<(u32, [[T; 3]; 2])> {
-        let of = |k: usize| self.slots(k, slots).par_iter().map(move |&slot| (k, slot));
-        let all: Vec<(usize, u32)> =
-            (0..=self.matrices.len()).flat_map(|k| of(k).collect::<Vec<_>>()).collect();
+        let of = |k: usize| self.slots(k, slots).iter().map(move |&slot| (k, slot));
+        let all: Vec<(usize, u32)> = (0..=self.matrices.len()).flat_map(of).collect();
         let sums = |&(k, slot): &(usize, u32)| {
             let own = if k < self.matrices.len() { None } else { self.lobe_of(surfaces, slot) };
             let lobe = self.matrices.get(k).or(own.as_ref());
             (slot, lobe.map_or([[T::ZERO; 3]; 2], |lobe| self.sums(lobe, slot, page, incident, cotangent)))
         };
-        all.par_iter().map(sums).collect()
+        parallel::map(&all, sums)
     }
 
     fn sums(&self, lobe: &DMatrix<T>, slot: u32, page: u32, incident: &[T], cotangent: &[T]) -> [[T; 3]; 2] {

@@ -3,12 +3,9 @@
 use super::real::Real;
 use crate::backend::{Array, Cpu, Lease};
 use crate::plan::{Block, NO_ROW, SLICE, SlicedMatrix};
+use antirad_base::parallel;
 use antirad_base::usage::OverBudget;
-use rayon::prelude::*;
 use std::sync::Arc;
-
-/// Slices that a thread takes at a time, at least.
-const SLICES: usize = 8;
 
 /// So many entries take less time than to wake other threads.
 const SMALL: u64 = 1 << 14;
@@ -59,7 +56,7 @@ impl<T: Real> NearMatrix<T> {
         let slices = block.slices.clone();
         match self.matrix.entries(block) <= SMALL {
             true => slices.map(of).collect(),
-            false => slices.into_par_iter().with_min_len(SLICES).map(of).collect(),
+            false => parallel::map(slices, of),
         }
     }
 

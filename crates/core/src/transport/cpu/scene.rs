@@ -6,9 +6,9 @@ use super::taps::Layout;
 use crate::backend::{Array, Cpu};
 use crate::plan::{Group, Plan};
 use crate::transport::scene_values;
+use antirad_base::parallel;
 use antirad_base::usage::OverBudget;
 use antirad_scene::Scene;
-use rayon::prelude::*;
 
 /// Numbers of an RGB value of a slot, and of a bin in the table.
 pub const SLOT: usize = 4;
@@ -170,9 +170,8 @@ pub fn rows<T: Real>(reals: &[T]) -> Vec<[f64; 4]> {
 
 /// Calls `with` with the number and the values of each slot, on all threads.
 pub fn each_slot<T: Real>(values: &mut [T], with: impl Fn(usize, &mut [T]) + Sync) {
-    values
-        .par_chunks_exact_mut(SLOT)
-        .with_min_len(1 << 10)
-        .enumerate()
-        .for_each(|(slot, value)| with(slot, value));
+    const EACH: usize = 1 << 10;
+    parallel::each(values.chunks_mut(SLOT * EACH).enumerate(), |(chunk, values)| {
+        (chunk * EACH..).zip(values.chunks_exact_mut(SLOT)).for_each(|(slot, value)| with(slot, value));
+    });
 }

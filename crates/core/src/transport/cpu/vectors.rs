@@ -2,8 +2,8 @@
 
 use super::real::Real;
 use super::state::Vector;
+use antirad_base::parallel;
 use antirad_base::ranks::{RankError, Ranks};
-use rayon::prelude::*;
 
 /// Numbers that a thread processes at a time. Sums are taken per chunk, so this determines their rounding.
 const CHUNK: usize = 1 << 13;
@@ -92,8 +92,8 @@ fn products<T: Real>(x: &[T], y: &[T]) -> f64 {
     match x.len() <= SMALL {
         true => x.chunks(CHUNK).zip(y.chunks(CHUNK)).map(|(x, y)| product(x, y)).sum(),
         false => {
-            let chunks = x.par_chunks(CHUNK).zip(y.par_chunks(CHUNK));
-            chunks.map(|(x, y)| product(x, y)).collect::<Vec<f64>>().into_iter().sum()
+            let chunks = x.chunks(CHUNK).zip(y.chunks(CHUNK));
+            parallel::map(chunks, |(x, y)| product(x, y)).into_iter().sum()
         }
     }
 }
@@ -103,7 +103,7 @@ fn each_chunk<T: Real, R: Send>(y: &mut [T], with: impl Fn(usize, &mut [T]) -> R
     let with = |(number, y): (usize, &mut [T])| with(number * CHUNK, y);
     match y.len() <= SMALL {
         true => y.chunks_mut(CHUNK).enumerate().map(with).collect(),
-        false => y.par_chunks_mut(CHUNK).enumerate().map(with).collect(),
+        false => parallel::map(y.chunks_mut(CHUNK).enumerate(), with),
     }
 }
 

@@ -9,9 +9,9 @@ use super::taps::{Layout, Taps, add};
 use crate::backend::{Array, Cpu};
 use crate::model::{Class, Clusters, VolumeParts, Volumes};
 use crate::plan::Plan;
+use antirad_base::parallel;
 use antirad_base::ranks::RankError;
 use antirad_base::usage::OverBudget;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Directions at a time.
@@ -72,8 +72,8 @@ impl<T: Real> VolumeLight<T> {
         let part = numbers.start * reals..numbers.end * reals;
         let [below, above] = &mut self.bins;
         let [below, above] = [&mut below[part.clone()], &mut above[part]];
-        let own = below.par_chunks_mut(reals).zip(above.par_chunks_mut(reals)).zip(numbers);
-        own.for_each(|((below, above), volume)| add(volume, below, above));
+        let own = below.chunks_mut(reals).zip(above.chunks_mut(reals)).zip(numbers);
+        parallel::each(own, |((below, above), volume)| add(volume, below, above));
     }
 
     /// Sums up volumes that consist of others, from those of triangles, of which each rank has a share.
@@ -101,7 +101,7 @@ impl<T: Real> VolumeLight<T> {
                         *own = a * one + b * other;
                     }
                 };
-                own[..of.len() * reals].par_chunks_mut(reals).zip(of.clone()).for_each(summed);
+                parallel::each(own[..of.len() * reals].chunks_mut(reals).zip(of.clone()), summed);
             }
         }
         Ok(())

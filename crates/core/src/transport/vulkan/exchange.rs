@@ -14,8 +14,8 @@ use crate::shaders;
 use crate::transport::TransportError;
 use crate::transport::shape::Shape;
 use crate::transport::work::{far_pairs, pairs};
+use antirad_base::parallel;
 use antirad_gpu::{Batch, Bindings, BufferSlice, Device, GpuError};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Close sources per receiver and dispatch: lavapipe bounds the iterations of all loops of an invocation together by
@@ -43,7 +43,7 @@ pub fn sweeps(
 ) -> Result<Vec<(Shape, Sweep)>, GpuError> {
     // Drivers may take long to compile their kernels.
     let sweep = |shape| Ok((shape, Sweep::new(device, plan, kernels(shape))?));
-    Shape::all(plan).into_par_iter().map(sweep).collect()
+    parallel::map(Shape::all(plan), sweep).into_iter().collect()
 }
 
 /// The sweep of a shape.

@@ -3,10 +3,10 @@
 use super::{WORKGROUP, real};
 use crate::model::Bins;
 use crate::plan::{LOBE_BYTES, LOBE_ROWS, LobeSlots, Plan};
+use antirad_base::parallel;
 use antirad_gpu::{Buffer, BufferKind, BufferSlice, Device, GpuError, UNIFORM_BYTES};
 use antirad_scene::Scene;
 use bytemuck::{Pod, Zeroable};
-use rayon::prelude::*;
 use std::ops::Range;
 
 // A dispatch binds some rows or columns of a matrix as a uniform buffer.
@@ -203,6 +203,6 @@ fn matrix(plan: &Plan, entry: impl Fn(usize, usize) -> f64 + Sync) -> Vec<u8> {
         let values = (0..reals).map(move |at| row(at / rows, block * rows + at % rows));
         real::encode(plan.settings.precision, &values.collect::<Vec<_>>())
     };
-    let blocks: Vec<Vec<u8>> = (0..plan.lobe_blocks() as usize).into_par_iter().map(block).collect();
+    let blocks: Vec<Vec<u8>> = parallel::map(0..plan.lobe_blocks() as usize, block);
     blocks.concat()
 }

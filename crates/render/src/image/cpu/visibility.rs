@@ -4,8 +4,8 @@ use crate::image::bands::{Band, Grid, TILE};
 use crate::image::faces::{Face, NONE};
 use crate::image::projection::Projected;
 use crate::image::tiles::{TileLists, Tiles};
+use antirad_base::parallel;
 use antirad_gpu::vectorised;
-use rayon::prelude::*;
 
 const SIDE: usize = TILE as usize;
 
@@ -28,9 +28,10 @@ pub fn samples(grid: &Grid, band: Band, faces: &[Projected], wanted: &Tiles) -> 
         let listed = lists.faces.iter().map(|&face| &faces[face as usize]);
         let (listed, numbers): (Vec<Face>, Vec<u32>) =
             listed.map(|face| (Face::from(face), face.number)).unzip();
-        let touched =
-            tiles.par_iter_mut().enumerate().filter(|(t, _)| lists.tile_start[*t] < lists.tile_start[t + 1]);
-        touched.for_each(|(t, tile)| {
+        parallel::each(tiles.iter_mut().enumerate(), |(t, tile)| {
+            if lists.tile_start[t] == lists.tile_start[t + 1] {
+                return;
+            }
             let tile = tile.get_or_insert_with(Tile::empty);
             let corner = [t % columns * SIDE, band.first_row as usize + t / columns * SIDE];
             let places = Places::new(grid, corner.map(|at| at as u32));

@@ -1,8 +1,7 @@
 //! Photographs averaged down by whole numbers, in linear light.
 
-use rayon::prelude::*;
-
 use super::{Photo, PhotoMask};
+use antirad_base::parallel;
 
 impl Photo {
     /// The picture with a mean over each block of pixels, weighted by the mask, and the mean of the mask; `None` unless the photo is a whole
@@ -22,7 +21,7 @@ impl Photo {
             }
             sum
         };
-        let sums: Vec<Sum> = (0..width as usize * height as usize).into_par_iter().map(one).collect();
+        let sums: Vec<Sum> = parallel::map(0..width as usize * height as usize, one);
         let photo = self.with(width, height, &sums);
         let mask = mask.map(|_| Sum::mask(&sums, width, height));
         Some((photo, mask))

@@ -11,12 +11,12 @@ mod resample;
 pub use labels::{Label, PhotoLabels};
 pub use mask::PhotoMask;
 
+use antirad_base::parallel;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use ::image::ImageFormat;
 use ::image::metadata::Orientation;
-use rayon::prelude::*;
 
 use super::ImageError;
 use super::picture::MAX_PIXELS;
@@ -107,8 +107,8 @@ impl Photo {
     #[must_use]
     pub fn decoded_again(mut self, decode: impl Fn(f64) -> f64 + Sync) -> Self {
         if self.ends_at_white {
-            let values = self.pixels.par_iter_mut().flatten_iter();
-            values.for_each(|value| *value = decode(f64::from(*value)) as f32);
+            let decoded = |value: f32| decode(f64::from(value)) as f32;
+            parallel::each(&mut self.pixels, |pixel| *pixel = pixel.map(decoded));
         }
         self
     }

@@ -1,8 +1,8 @@
 //! Photographs of any lens as a centred pinhole with square pixels would have taken them.
 
+use antirad_base::parallel;
 use antirad_scene::Lens;
 use glam::DVec2;
-use rayon::prelude::*;
 
 use super::average::Sum;
 use super::{Photo, PhotoMask};
@@ -39,7 +39,7 @@ impl Photo {
             }
             sum
         };
-        let sums: Vec<Sum> = (0..width as usize * height as usize).into_par_iter().map(one).collect();
+        let sums: Vec<Sum> = parallel::map(0..width as usize * height as usize, one);
         (self.with(width, height, &sums), Sum::mask(&sums, width, height))
     }
 
