@@ -301,7 +301,7 @@ class Engine:
         solution: Solution,
         camera: Camera | None = None,
         *,
-        supersample: int = 4,
+        supersample: int = 8,
         shading: Literal["gathered", "face"] = "gathered",
         reflections: Literal["rays", "fixed-rays", "bins"] = "rays",
     ) -> NDArray[np.float32]: ...

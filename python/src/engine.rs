@@ -202,7 +202,7 @@ impl Engine {
     ///     reflections: What glossy faces mirror of other faces in gathered pictures: by "rays" from each visible point, as
     ///         many as it takes; by "fixed-rays", the same number from each, as differentiable renderers of materials see
     ///         it; or out of direction "bins", as those of vertices and cameras do.
-    #[pyo3(signature = (solution, camera=None, *, supersample=4, shading="gathered", reflections="rays"))]
+    #[pyo3(signature = (solution, camera=None, *, supersample=8, shading="gathered", reflections="rays"))]
     fn render<'py>(
         &self,
         py: Python<'py>,

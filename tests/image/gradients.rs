@@ -2,7 +2,7 @@
 
 use antirad::image::{ImageError, PictureOptions, Rasterizer};
 use antirad::ranks::Ranks;
-use antirad::scene::{Camera, Scene};
+use antirad::scene::{Camera, Material, Scene};
 use antirad_render::image::{CameraGradient, GeometryGradient, geometry_gradient, geometry_gradient_of};
 use glam::{DQuat, DVec3};
 
@@ -226,7 +226,10 @@ fn colours_have_the_transpose_of_the_picture() {
 #[test]
 fn coverage_follows_what_moves() {
     on_backend(|rasterizer| {
-        let before = hidden();
+        let mut before = hidden();
+        // The cube and all else; lit, then dark.
+        before.materials.push(Material { emission: [1.0; 3], ..before.materials[0].clone() });
+        before.triangles[..12].iter_mut().for_each(|triangle| triangle.material = 1);
         // Several bands, and a size that is not a multiple of tiles.
         let camera = Camera { width: 301, height: 203, ..camera() };
         let mut random = Random::new(5);
@@ -258,6 +261,40 @@ fn coverage_follows_what_moves() {
                 assert!(moved(&before, &other) == new);
             }
         }
+    });
+}
+
+/// Pixels at edges of lamps have the shares that 16 x 16 samples give, others those of the samples asked for.
+#[test]
+fn edges_of_lamps_have_more_samples() {
+    on_backend(|rasterizer| {
+        let dark = hidden();
+        let camera = Camera { width: 150, height: 101, ..camera() };
+        let mut lit = dark.clone();
+        lit.materials.push(Material { emission: [1.0; 3], ..dark.materials[0].clone() });
+        lit.triangles[..12].iter_mut().for_each(|triangle| triangle.material = 1);
+        let colours: Vec<[f32; 3]> =
+            (0..lit.triangles.len()).map(|t| if t < 12 { [1.0; 3] } else { [0.0; 3] }).collect();
+        let pixels = |scene: &Scene, side| {
+            rasterizer.coverage(scene, &camera, side).unwrap().pixels(&colours).unwrap()
+        };
+        let [coarse, fine, found] = [pixels(&dark, 4), pixels(&dark, 16), pixels(&lit, 4)];
+        let edges = fine.iter().filter(|pixel| pixel[0] > 0.0 && pixel[0] < 1.0).count();
+        let differ = coarse.iter().zip(&fine).filter(|(coarse, fine)| coarse[0] != fine[0]).count();
+        assert!(differ > edges / 2 && edges > 100, "{differ} of {edges}");
+        for (found, fine) in found.iter().zip(&fine) {
+            assert_eq!(found[0], fine[0]);
+        }
+        // A lamp smaller than a pixel, between samples, before nothing.
+        let mut small = lit.clone();
+        small.triangles.truncate(12);
+        let centre = small.vertices[..24].iter().sum::<DVec3>() / 24.0;
+        small.vertices[..24].iter_mut().for_each(|at| *at = centre + 0.02 * (*at - centre));
+        let colours = [[1.0f32; 3]; 12];
+        let pixels = |side| rasterizer.coverage(&small, &camera, side).unwrap().pixels(&colours).unwrap();
+        let all = |side| pixels(side).iter().map(|pixel| pixel[0]).sum::<f64>();
+        assert!(all(16) > 0.0);
+        assert_eq!(all(4), all(16));
     });
 }
 

@@ -1,7 +1,7 @@
 //! The visible face of each sample.
 
 use antirad::image::{ImageError, PictureOptions, Rasterizer};
-use antirad::scene::{Camera, Scene, SceneError};
+use antirad::scene::{Camera, Material, Scene, SceneError};
 use antirad_render::image::{View, geometry_gradient};
 use glam::DVec3;
 
@@ -132,8 +132,10 @@ fn bands_do_not_show() {
         assert!(compare(rasterizer, &scene, &camera, 4) < 0.01);
 
         let options = PictureOptions::default().supersample(4);
-        let colours = Random::new(3).colours(&scene);
-        rasterizer.render(&scene, &camera, &colours, &options).unwrap();
+        let mut lit = scene.clone();
+        lit.materials.push(Material { emission: [1.0; 3], ..lit.materials[0].clone() });
+        lit.triangles[0].material = 1;
+        rasterizer.coverage(&lit, &camera, 4).unwrap();
         let kind = backend.kind();
         let planned = Rasterizer::bytes(kind, scene.triangles.len(), &camera, &options).unwrap();
         assert!(planned < 64 << 20);

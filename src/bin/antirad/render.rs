@@ -85,8 +85,8 @@ pub struct Arguments {
     /// number from each, as fits of materials see it; or out of direction bins, as fits of positions and cameras do
     #[arg(long, value_name = "HOW", value_parser = word::<Reflections>(REFLECTIONS), default_value = "rays")]
     reflections: Reflections,
-    /// Samples along each side of a pixel: 1, 2, 4, 8 or 16
-    #[arg(long, value_name = "NUMBER", default_value_t = 4)]
+    /// Samples along each side of a pixel: 1, 2, 4, 8 or 16; at edges of lamps 16
+    #[arg(long, value_name = "NUMBER", default_value_t = 8)]
     supersample: u32,
 }
 

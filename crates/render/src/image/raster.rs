@@ -1,6 +1,6 @@
 //! The rasterizer: from a scene, a camera and colours to a picture.
 
-use super::bands::{Band, Grid};
+use super::bands::{Band, Grid, TILE};
 use super::coverage::{Coverage, Sides, check_colours};
 use super::faces::{project, rounded};
 use super::projection::{Projected, View};
@@ -14,6 +14,9 @@ use glam::DVec3;
 
 /// Largest number of samples along a side of a pixel.
 pub const MAX_SUPERSAMPLE: u32 = 16;
+
+/// Lamps of fewer pixels in width and height may lie between samples.
+const SMALL: f64 = 2.0;
 
 /// How a picture is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,9 +67,9 @@ impl Rasterizer {
         let triangles = scene.triangles.len();
         check_colours(colours.len(), triangles)?;
         let grid = grid(camera, options.supersample)?;
-        let faces = project(scene, camera)?;
+        let faces = rounded(project(scene, camera)?);
         let mut pixels = Vec::with_capacity(camera.width as usize * camera.height as usize);
-        self.coverage_of_bands(grid, triangles, faces, &Tiles::All, |_, band| {
+        self.coverage_of_bands(grid, scene, &faces, &Tiles::All, |_, band| {
             pixels.extend(band.picture(colours)?.pixels);
             Ok(())
         })?;
@@ -74,7 +77,8 @@ impl Rasterizer {
     }
 
     /// What a camera sees of a scene, at `supersample` x `supersample` samples per pixel: for pictures in any colours, and for
-    /// their derivatives. Of several ranks, which must all ask at once, the first looks, and all get what it sees: devices that differ may
+    /// their derivatives. Lamps are far brighter than all else, and the shares that edges of theirs leave to a pixel must be as much more
+    /// accurate: unless `supersample` is 1, pixels at their edges have [`MAX_SUPERSAMPLE`] x [`MAX_SUPERSAMPLE`] samples. Of several ranks, which must all ask at once, the first looks, and all get what it sees: devices that differ may
     /// round differently.
     ///
     /// # Errors
@@ -87,13 +91,52 @@ impl Rasterizer {
     /// What this rank alone finds a camera to see.
     fn own_coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = project(scene, camera)?;
+        let faces = rounded(project(scene, camera)?);
         let mut whole = Coverage::empty(&grid, scene.triangles.len());
-        self.coverage_of_bands(grid, scene.triangles.len(), faces, &Tiles::All, |_, band| {
+        self.coverage_of_bands(grid, scene, &faces, &Tiles::All, |_, band| {
             whole.append(band);
             Ok(())
         })?;
-        Ok(whole)
+        self.with_lamp_edges(scene, camera, &faces, whole, |_| true)
+    }
+
+    /// A coverage with more samples in those pixels `among` all that lie at edges of lamps or may show lamps of less than two pixels.
+    fn with_lamp_edges(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        faces: &[Projected],
+        coverage: Coverage,
+        among: impl Fn([u32; 2]) -> bool,
+    ) -> Result<Coverage, ImageError> {
+        if [1, MAX_SUPERSAMPLE].contains(&coverage.supersample()) {
+            return Ok(coverage);
+        }
+        // A tile is a pixel.
+        let grid = Grid::new(camera, MAX_SUPERSAMPLE);
+        let size = [camera.width, camera.height].map(f64::from);
+        let is_small_lamp = |face: &&Projected| {
+            let [x, y] = [face.bounds.x, face.bounds.y].map(|[low, high]| 0.5 * (high - low));
+            x * size[0] < SMALL
+                && y * size[1] < SMALL
+                && scene.material(face.number as usize).emission != [0.0; 3]
+        };
+        let small = Tiles::of(&grid, faces.iter().filter(is_small_lamp));
+        let is_wanted = |(pixel, is_edge): (u32, bool)| {
+            let place = [pixel % camera.width, pixel / camera.width];
+            (is_edge || small.contain(place[0], place[1])) && among(place)
+        };
+        let member: Vec<bool> = (0..).zip(coverage.lamp_edges()).map(is_wanted).collect();
+        if !member.contains(&true) {
+            return Ok(coverage);
+        }
+        let tiles = Tiles::Some { columns: camera.width, member };
+        let mut bands = Vec::new();
+        self.coverage_of_bands(grid, scene, faces, &tiles, |band, coverage| {
+            bands.push((band, coverage));
+            Ok(())
+        })?;
+        Ok(coverage.with(&grid, &bands, &tiles))
     }
 
     /// What a camera sees of a scene whose vertices have moved. `before`: the vertices and the coverage
@@ -123,7 +166,7 @@ impl Rasterizer {
         if vertices.len() != scene.vertices.len() || !before.fits(&grid, scene.triangles.len()) {
             return self.own_coverage(scene, camera, supersample);
         }
-        let faces = project(scene, camera)?;
+        let faces = rounded(project(scene, camera)?);
         let moved = |number: &u32| {
             let corners = scene.triangles[*number as usize].vertices;
             corners.iter().any(|&v| scene.vertices[v as usize] != vertices[v as usize])
@@ -133,17 +176,23 @@ impl Rasterizer {
             let corners = scene.triangles[number as usize].vertices.map(|v| vertices[v as usize]);
             view.project(number, corners)
         });
-        let present = faces.iter().filter(|face| moved(&face.number)).cloned();
-        let changed = rounded(past.chain(present).collect());
-        let tiles = Tiles::of(&grid, changed.iter());
+        let past = rounded(past.collect());
+        let present = faces.iter().filter(|face| moved(&face.number));
+        // Whether a pixel has more samples depends on its neighbours.
+        let tiles = Tiles::of(&grid, past.iter().chain(present)).with_neighbours(&grid);
         let longest = tiles.rows(&grid).into_iter().map(|rows| rows.len() as u32).max();
         let grid = grid.bands_up_to(longest.unwrap_or(0));
         let mut bands = Vec::new();
-        self.coverage_of_bands(grid, scene.triangles.len(), faces, &tiles, |band, coverage| {
+        self.coverage_of_bands(grid, scene, &faces, &tiles, |band, coverage| {
             bands.push((band, coverage));
             Ok(())
         })?;
-        Ok(before.with(&grid, &bands, &tiles))
+        let coverage = before.with(&grid, &bands, &tiles);
+        let is_new = |pixel: [u32; 2]| {
+            let [column, row] = pixel.map(|at| at * grid.side / TILE);
+            tiles.contain(column, row)
+        };
+        self.with_lamp_edges(scene, camera, &faces, coverage, is_new)
     }
 
     /// The visible face of every sample of a picture, `u32::MAX` where there is none: row by row from the top, each of
@@ -159,9 +208,9 @@ impl Rasterizer {
         supersample: u32,
     ) -> Result<Vec<u32>, ImageError> {
         let grid = grid(camera, supersample)?;
-        let faces = project(scene, camera)?;
+        let faces = rounded(project(scene, camera)?);
         let mut samples = Vec::with_capacity(grid.width as usize * grid.height as usize);
-        self.bands(grid, scene.triangles.len(), faces, &Tiles::All, |_, of_band| {
+        self.bands(grid, scene.triangles.len(), &faces, &Tiles::All, |_, of_band| {
             samples.extend(of_band);
             Ok(())
         })?;
@@ -173,14 +222,13 @@ impl Rasterizer {
         &self,
         grid: Grid,
         triangles: usize,
-        faces: Vec<Projected>,
+        faces: &[Projected],
         wanted: &Tiles,
         mut each: impl FnMut(Band, &[u32]) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
-        let faces = rounded(faces);
         let visibility = self.finder.on(grid, triangles as u64)?;
         for band in wanted.rows(&grid).into_iter().flat_map(|rows| grid.bands(rows)) {
-            each(band, &visibility.samples(band, &faces, wanted)?)?;
+            each(band, &visibility.samples(band, faces, wanted)?)?;
         }
         Ok(())
     }
@@ -188,18 +236,18 @@ impl Rasterizer {
     fn coverage_of_bands(
         &self,
         grid: Grid,
-        triangles: usize,
-        faces: Vec<Projected>,
+        scene: &Scene,
+        faces: &[Projected],
         wanted: &Tiles,
         mut each: impl FnMut(Band, Coverage) -> Result<(), ImageError>,
     ) -> Result<(), ImageError> {
-        let sides = Sides::new(triangles, &faces);
-        self.bands(grid, triangles, faces, wanted, |band, samples| {
-            each(band, Coverage::of_band(&grid, band, samples, &sides))
+        let sides = Sides::new(scene, faces);
+        self.bands(grid, scene.triangles.len(), faces, wanted, |band, samples| {
+            each(band, Coverage::of_band(&grid, band, samples, &sides, wanted))
         })
     }
 
-    /// Bytes of the backend's memory budget that [`render`](Self::render) takes for a scene of this many triangles: on a Vulkan device
+    /// Bytes of the backend's memory budget that [`coverage`](Self::coverage) takes for a scene of this many triangles: on a Vulkan device
     /// exactly, staging buffers included; on the CPU none.
     ///
     /// # Errors
@@ -210,7 +258,10 @@ impl Rasterizer {
         camera: &Camera,
         options: &PictureOptions,
     ) -> Result<u64, ImageError> {
-        Ok(visibility::bytes(backend, &grid(camera, options.supersample)?, triangles as u64))
+        let bytes = |grid: &Grid| visibility::bytes(backend, grid, triangles as u64);
+        let coarse = bytes(&grid(camera, options.supersample)?);
+        let fine = if options.supersample == 1 { 0 } else { bytes(&Grid::new(camera, MAX_SUPERSAMPLE)) };
+        Ok(coarse.max(fine))
     }
 }
 

@@ -97,6 +97,20 @@ impl Tiles {
         Self::Some { columns, member }
     }
 
+    /// These tiles and their neighbours.
+    pub fn with_neighbours(self, grid: &Grid) -> Self {
+        let Self::Some { columns, member } = &self else { return self };
+        let (columns, rows) = (*columns, grid.tile_rows());
+        let around = |at: u32, end: u32| at.saturating_sub(1)..(at + 2).min(end);
+        let any = |column: u32, row: u32| {
+            let mut near =
+                around(row, rows).flat_map(|row| around(column, columns).map(move |c| row * columns + c));
+            near.any(|tile| member[tile as usize])
+        };
+        let member = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+        Self::Some { columns, member: member.map(|(column, row)| any(column, row)).collect() }
+    }
+
     /// Whether a tile is among them.
     pub fn contain(&self, column: u32, row: u32) -> bool {
         match self {

@@ -22,7 +22,8 @@ use glam::DVec3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RenderOptions {
-    /// Each pixel is the mean of `supersample` x `supersample` samples on a rotated grid; a power of two.
+    /// Each pixel is the mean of `supersample` x `supersample` samples on a rotated grid; a power of two. At edges of lamps there are more:
+    /// [`Rasterizer::coverage`].
     pub supersample: u32,
     /// Gathered light at each visible point, or one colour per face.
     pub shading: Shading,
@@ -33,9 +34,9 @@ pub struct RenderOptions {
 setters!(RenderOptions { supersample: u32, shading: Shading, reflections: Reflections });
 
 impl Default for RenderOptions {
-    /// 4 x 4 samples, gathered, with as many rays as accuracy needs.
+    /// 8 x 8 samples, gathered, with as many rays as accuracy needs.
     fn default() -> Self {
-        Self { supersample: 4, shading: Shading::default(), reflections: Reflections::default() }
+        Self { supersample: 8, shading: Shading::default(), reflections: Reflections::default() }
     }
 }
 
