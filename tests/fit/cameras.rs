@@ -4,7 +4,8 @@ use crate::scenes::{coarse, of, watch};
 use crate::support::{backend, finish};
 use antirad::backend::{Backend, BackendKind};
 use antirad::fit::{
-    EngineRenderer, Fit, Job, MotionKind, OnCheckpoint, Renderer, RunOptions, Settings, StopRule, Target,
+    EngineRenderer, Fit, Job, Loss, MotionKind, OnCheckpoint, PictureLoss, Renderer, RunOptions, Settings,
+    StopRule, Target,
 };
 use antirad::plan::GradientRequest;
 use antirad::render::Quantity;
@@ -102,6 +103,47 @@ fn cameras_are_found_beside_materials() {
     assert_eq!(found("shadow"), &scene.cameras[2]);
     crate::scenes::near(&outcome, "albedo", "box", &[0.6, 0.3, 0.2], 1e-2);
     drop(renderer);
+    finish(&backend);
+}
+
+/// A loss for its own targets alone: fits by it have no smaller pictures.
+struct OfThese(Loss);
+
+impl PictureLoss for OfThese {
+    fn evaluate(&self, view: usize, picture: &[DVec3], target: &Target) -> (f64, Vec<DVec3>) {
+        self.0.evaluate(view, picture, target)
+    }
+
+    fn curvature(&self, view: usize, picture: &[DVec3], target: &Target) -> Option<Vec<DVec3>> {
+        self.0.curvature(view, picture, target)
+    }
+}
+
+/// Smaller pictures tell where cameras are whose edges are several pixels off.
+#[test]
+fn cameras_are_found_from_afar() {
+    let (backend, mut scene) = (backend(), scene());
+    for camera in &mut scene.cameras {
+        (camera.width, camera.height) = (128, 96);
+    }
+    let losses = [false, true].map(|smaller| {
+        let mut job = job(&backend, &scene, 4, 6.0);
+        if !smaller {
+            let targets = job.problem().targets.clone();
+            job.set_loss(Box::new(OfThese(Loss::new(job.settings().loss, &targets))));
+        }
+        let mut renderer = renderer(&backend, &job);
+        let options = RunOptions::default().stop(StopRule::default().iterations(3));
+        let mut first = 0;
+        let outcome = job.run(&mut renderer, &options, &mut |record, _| {
+            first += u32::from(record.first_stage);
+            ControlFlow::Continue(())
+        });
+        assert_eq!(first > 0, smaller);
+        outcome.expect("an outcome").loss
+    });
+    println!("{losses:?}");
+    assert!(losses[1] < 0.3 * losses[0], "{losses:?}");
     finish(&backend);
 }
 
@@ -270,8 +312,8 @@ fn a_fit_of_poses_goes_on() {
         let mut job = job(&backend, &scene, 2, 1.0);
         let mut renderer = renderer(&backend, &job);
         job.run(&mut renderer, &options.stop(stop).checkpoint_every(1), &mut |record, _| match record
-            .iteration
-            < last
+            .first_stage
+            || record.iteration < last
         {
             true => ControlFlow::Continue(()),
             false => ControlFlow::Break(()),

@@ -1,4 +1,5 @@
-//! The stage of a fit of textures before its texels: one albedo for each texture, small pictures, and which candidates for lamps shine.
+//! Stages of a fit in smaller pictures. Of textures before their texels: one albedo for each, and which candidates for lamps shine. Of poses: to
+//! come near enough.
 
 use super::job::{FitError, FitProgress, Job, Record, advance, before_the_first};
 use super::optimiser::{CoarseHessian, Optimiser, StepError};
@@ -11,7 +12,7 @@ use antirad_base::parallel;
 use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
 
-/// Pictures of a Gauss-Newton Hessian, and when the stage ends.
+/// Pictures of a Gauss-Newton Hessian, and when a stage ends.
 const PICTURES: usize = 40;
 const ITERATIONS: u32 = 12;
 const DECREASE: f64 = 1e-2;
@@ -22,6 +23,13 @@ const PIXELS: usize = 250_000;
 
 /// Sides of a picture below which it is not averaged down, pixels.
 const SIDE: u32 = 32;
+
+/// By how much pictures are averaged down to find poses, one after the other.
+const LEVELS: [u32; 3] = [8, 4, 2];
+
+/// Sides of the smallest of these pictures, and most iterations in each: what is left is found faster in larger ones.
+const SIDE_OF_LEVEL: u32 = 48;
+const ITERATIONS_OF_LEVEL: u32 = 6;
 
 impl Job {
     /// Where a fit of textures starts, and the Hessian there: with one albedo for each, and everything else, fitted before. Texels of a mesh
@@ -49,13 +57,42 @@ impl Job {
         Ok((x, hessian.map(|hessian| CoarseHessian { of, hessian })))
     }
 
+    /// Where a fit of poses starts: those found in smaller pictures, from small to large (Bergen, Anandan, Hanna and Hingorani 1992). An edge
+    /// in a photo tells where that of the scene belongs from about a pixel away alone.
+    pub(super) fn coarse_poses(
+        &mut self,
+        x: &[f64],
+        renderer: &mut dyn Renderer,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<Vec<f64>, FitError> {
+        let mut x = x.to_vec();
+        for level in LEVELS {
+            let smaller = halved(&self.problem.targets, level);
+            let is_any = smaller.iter().zip(&self.problem.targets).any(|(a, b)| {
+                let widths = [a, b].map(|target| target.camera.width);
+                widths[0] * level == widths[1]
+            });
+            if !is_any || self.problem.loss.of_targets(&smaller).is_none() {
+                continue;
+            }
+            tracing::info!("first in pictures of a {level}th of the width");
+            let (coarse, of) = self.problem.with_smaller(smaller, &x, &self.settings.regularisers)?;
+            let fine = std::mem::replace(&mut self.problem, coarse);
+            let found = self.few_steps(self.new_optimiser(), ITERATIONS_OF_LEVEL, renderer, watch);
+            self.problem = fine;
+            let best = found?.optimiser.best().to_vec();
+            x = of.iter().map(|&z| best[z as usize]).collect();
+        }
+        Ok(x)
+    }
+
     /// The optimiser after a few steps, and the blocks of candidates for lamps that are dark: without which the pictures are explained as well.
     fn coarse(
         &self,
         renderer: &mut dyn Renderer,
         watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
     ) -> Result<(Optimiser, Vec<usize>), FitError> {
-        let mut best = self.few_steps(self.new_optimiser(), renderer, watch)?;
+        let mut best = self.few_steps(self.new_optimiser(), ITERATIONS, renderer, watch)?;
         if let Optimiser::QuasiNewton(optimiser) = &mut best.optimiser {
             // That of earlier steps is no longer that of this point.
             let hessian = self.problem.gauss_newton(optimiser.x(), renderer).map_err(before_the_first)?;
@@ -75,7 +112,7 @@ impl Job {
             };
             let trials = candidates.iter().enumerate().filter_map(without);
             let Some((at, _, trial)) = trials.min_by(|(_, a, _), (_, b, _)| a.total_cmp(b)) else { break };
-            let trial = self.few_steps(Optimiser::QuasiNewton(trial), renderer, watch)?;
+            let trial = self.few_steps(Optimiser::QuasiNewton(trial), ITERATIONS, renderer, watch)?;
             let (block, name, _) = candidates.remove(at);
             if trial.loss() <= (1.0 + DARK) * loss {
                 tracing::info!("{name} does not shine: pictures are explained as well without its light");
@@ -90,10 +127,11 @@ impl Job {
     fn few_steps(
         &self,
         optimiser: Optimiser,
+        iterations: u32,
         renderer: &mut dyn Renderer,
         watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
     ) -> Result<FitProgress, FitError> {
-        let rule = StopRule::default().iterations(ITERATIONS).relative_decrease(DECREASE);
+        let rule = StopRule::default().iterations(iterations).relative_decrease(DECREASE);
         let mut progress = FitProgress::new(optimiser);
         while progress.stop(&rule).is_none() {
             let record = advance(&self.problem, &self.settings, None, &mut progress, renderer);
@@ -114,7 +152,16 @@ impl Problem {
     /// The objective with one albedo for each texture, of smaller pictures, starting at a point; and per unknown, the one of it that it
     /// follows.
     fn coarse(&self, x: &[f64], regularisers: &[Regulariser]) -> Result<(Self, Vec<u32>), FitError> {
-        let smaller = averaged_down(&self.targets);
+        self.with_smaller(averaged_down(&self.targets), x, regularisers)
+    }
+
+    /// The same with these smaller pictures.
+    fn with_smaller(
+        &self,
+        smaller: Vec<Target>,
+        x: &[f64],
+        regularisers: &[Regulariser],
+    ) -> Result<(Self, Vec<u32>), FitError> {
         let (targets, loss) = match self.loss.of_targets(&smaller) {
             Some(loss) => (smaller, Arc::from(loss)),
             None => (self.targets.clone(), self.loss.clone()),
@@ -130,12 +177,23 @@ impl Problem {
 fn averaged_down(targets: &[Target]) -> Vec<Target> {
     let pixels: usize = targets.iter().map(|target| target.pixels.len()).sum();
     let wanted = (pixels as f64 / PIXELS as f64).sqrt().round().max(1.0) as u32;
-    parallel::map(targets, |target| {
-        let sides = [target.camera.width, target.camera.height];
-        let suits = |factor: &u32| {
-            sides.iter().all(|side| side.is_multiple_of(*factor) && (*factor == 1 || side / factor >= SIDE))
-        };
-        let factor = (1..=wanted).rev().find(suits).unwrap_or(1);
-        target.averaged(factor)
-    })
+    let smaller = |target: &Target| {
+        target.averaged((2..=wanted).rev().find(|&factor| suits(target, factor, SIDE)).unwrap_or(1))
+    };
+    parallel::map(targets, smaller)
+}
+
+/// Targets that are averaged down by the largest suitable power of two up to `most`.
+fn halved(targets: &[Target], most: u32) -> Vec<Target> {
+    let levels = || LEVELS.into_iter().filter(|level| *level <= most);
+    let smaller = |target: &Target| {
+        target.averaged(levels().find(|&factor| suits(target, factor, SIDE_OF_LEVEL)).unwrap_or(1))
+    };
+    parallel::map(targets, smaller)
+}
+
+/// Whether a target may be averaged down by a factor to sides of `least` pixels or more.
+fn suits(target: &Target, factor: u32, least: u32) -> bool {
+    let sides = [target.camera.width, target.camera.height];
+    sides.iter().all(|side| side.is_multiple_of(factor) && side / factor >= least)
 }

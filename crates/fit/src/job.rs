@@ -163,7 +163,7 @@ pub struct Record {
     pub evaluations: u32,
     /// Passes (applications of U).
     pub passes: u64,
-    /// Whether it is of the stage before the texels of textures, which has an iteration 0 for each of its starts and is in no history.
+    /// Whether it is of a stage in smaller pictures, which has an iteration 0 for each of its starts and is in no history.
     #[serde(skip)]
     pub first_stage: bool,
 }
@@ -506,6 +506,9 @@ impl Job {
         if resumed_from.is_none() && self.problem.parameters.has_textures() {
             let x;
             (x, coarse) = self.coarse_start(progress.optimiser.best(), renderer, watch)?;
+            progress = FitProgress::new(self.optimiser_from(x));
+        } else if resumed_from.is_none() && self.problem.parameters.gradient_request().camera {
+            let x = self.coarse_poses(progress.optimiser.best(), renderer, watch)?;
             progress = FitProgress::new(self.optimiser_from(x));
         }
         let mut clock = Instant::now();

@@ -113,7 +113,7 @@ impl Loss {
                 ((log(value) - log(target)).abs(), sign / (self.epsilon + value.abs()))
             }
             LossKind::Huber => {
-                let scale = mean.hypot(self.epsilon).hypot(noise);
+                let scale = self.square_of_relative(mean, noise).sqrt();
                 let (u, k) = (d / scale, self.threshold);
                 match u.abs() <= k {
                     true => (u * u, 2.0 * u / scale),
@@ -130,16 +130,16 @@ impl Loss {
             LossKind::RelativeL2 => Some(2.0 / self.square_of_relative(target, noise)),
             LossKind::L1 | LossKind::LogL1 => None,
             LossKind::Huber => {
-                let scale = mean.hypot(self.epsilon).hypot(noise);
+                let scale = self.square_of_relative(mean, noise).sqrt();
                 let u = ((value - target) / scale).abs();
                 Some(2.0 * (self.threshold / u).min(1.0) / (scale * scale))
             }
         }
     }
 
-    /// Of the relative L2 loss: the square of what differences are compared to.
-    fn square_of_relative(&self, target: f64, noise: f64) -> f64 {
-        target * target + self.epsilon * self.epsilon + noise * noise
+    /// Of the relative L2 and the Huber loss: the square of what differences are compared to.
+    fn square_of_relative(&self, level: f64, noise: f64) -> f64 {
+        level * level + self.epsilon * self.epsilon + noise * noise
     }
 
     fn mean(&self, view: usize, pixel: usize, target: &Target) -> DVec3 {

@@ -244,11 +244,6 @@ impl ManyLights {
         Self { count, ..self }
     }
 
-    /// Rays from a point at most, to what it reflects diffusely.
-    pub fn count(&self) -> usize {
-        self.count as usize
-    }
-
     /// What arrives at a point of a triangle; with a lobe, distributed by what it reflects as well.
     pub fn at_point(
         &self,

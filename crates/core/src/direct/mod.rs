@@ -266,11 +266,6 @@ impl DirectLight {
         Self { many: self.many.map(|many| many.with_rays(count)), ..self }
     }
 
-    /// Of how many lamps light arrives at a point, at most.
-    pub fn lamps_of_point(&self) -> usize {
-        self.many.as_ref().map_or(usize::MAX, ManyLights::count).min(self.lamps.len())
-    }
-
     /// Whether anything may stand between lamps and what they light.
     pub fn is_blocked(facets: &[Facet], lamps: &[Lamp]) -> bool {
         Blockers::exist(facets, lamps)

@@ -29,7 +29,7 @@ pub use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub use memory::{ALL_SUMS, LAMP_PAIRS, LAMP_STAGING, PARTIAL_SUMS, lamp_rays_room};
 pub use memory::{MemoryItem, MemoryPlan};
 pub use near_matrix::{
-    Block, IncidentPart, NO_ROW, NearField, NearMatrix, OutgoingPart, SLICE, SlicedMatrix,
+    Block, IncidentPart, NO_ROW, NearField, NearMatrix, OutgoingPart, SLICE, SlicedMatrix, Weights,
 };
 pub use report::{ClassReport, LobeReport, PairReport, PlanReport, StatesReport};
 pub use residency::overlap;

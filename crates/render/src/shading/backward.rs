@@ -372,10 +372,10 @@ impl Light {
                 irradiance += b * value;
                 by_corners[corner] += b * by_irradiance[k];
             }
-            for (l, phi) in light[k].iter().map(|(l, phi)| (*l as usize, phi)) {
-                irradiance += phi.dot(facet.normal) * radiance[l];
-                of.emission[l] += by_irradiance[k] * phi.dot(facet.normal);
-                own.normal += by_irradiance[k].dot(radiance[l]) * *phi;
+            for (l, of_lamp, phi) in light.at(k) {
+                irradiance += of_lamp * radiance[l];
+                of.emission[l] += by_irradiance[k] * of_lamp;
+                own.normal += by_irradiance[k].dot(radiance[l]) * phi.unwrap_or_default();
             }
             of.reflectance += cotangent[k] * (shown(k)[0] * irradiance - means) / PI;
             of.means -= reflectance * cotangent[k];

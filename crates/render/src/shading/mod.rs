@@ -9,9 +9,11 @@
 mod backward;
 mod edges;
 mod interpolation;
+mod lamp_light;
 mod near;
 mod pattern;
 mod reflections;
+mod room;
 mod sights;
 
 pub use backward::{SeenFrom, ShadingError, TexelGradient, backward};
@@ -23,13 +25,16 @@ use antirad_core::direct::{DirectLight, barycentric};
 use antirad_core::model::Facet;
 use antirad_core::plan::Placement;
 use antirad_core::{Engine, EngineError, Solution};
-use antirad_scene::{Camera, Material, Patterns, Scene};
+use antirad_scene::{BackendKind, Camera, Material, Patterns, Scene};
 use glam::DVec3;
 use interpolation::Interpolation;
+use lamp_light::LampLight;
 use near::{Lit, NearLight};
 use pattern::Spot;
 use reflections::{Estimate, Faces, Glossy, Held, Surroundings};
-use sights::{Kept, LampLight, POINTS, Points, RUNS, Sight, Sights, light_of};
+use room::Room;
+use sights::{Kept, POINTS, Points, RUNS, Sight, Sights, light_of};
+use std::borrow::Cow;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -98,7 +103,14 @@ pub struct Light {
     /// What rays meet; `None` unless glossy faces reflect by rays.
     surroundings: Option<Arc<Surroundings>>,
     views: Vec<View>,
+    /// Whether derivatives by geometry are wanted.
+    by_geometry: bool,
+    /// Memory for what all views hold of points.
+    room: Arc<Room>,
 }
+
+/// Most bytes that all views of a light hold of their points.
+const MOST_HELD: u64 = 1 << 30;
 
 /// What gathering adds at points, from the light of lamps there, with room for the rays of each.
 type Difference<'a> = dyn Fn(&Points, &LampLight, Option<&Held>) -> Vec<Estimate> + Sync + 'a;
@@ -155,7 +167,14 @@ impl Light {
             Surroundings::new(engine, solution, corners, counts).map(Arc::new)
         });
         let surroundings = surroundings.transpose()?;
-        let differentiable = engine.plan().options().gradients.any();
+        let options = engine.plan().options();
+        let differentiable = options.gradients.any();
+        let by_geometry = options.gradients.geometry();
+        // The CPU has one memory for all: the rest of the budget is for pictures.
+        let room = match options.backend {
+            BackendKind::Cpu => options.memory_budget.saturating_sub(engine.plan().memory().total()) / 2,
+            BackendKind::Vulkan => MOST_HELD,
+        };
         let near = if reflections == Reflections::Rays && !differentiable && !views.is_empty() {
             NearLight::new(&Lit {
                 facets: &facets,
@@ -182,12 +201,15 @@ impl Light {
             is_smooth: reflections != Reflections::Rays,
             surroundings,
             views,
+            by_geometry,
+            room: Room::new(room.min(MOST_HELD)),
         })
     }
 
     /// Takes over what geometry alone decides of the pictures of another light, for the same geometry and cameras, so that it is not computed
     /// again.
     pub fn like(mut self, other: &Self) -> Self {
+        self.room = other.room.clone();
         if Arc::ptr_eq(&self.direct, &other.direct) {
             let same_rays =
                 Arc::ptr_eq(&self.patterns, &other.patterns) && self.densities() == other.densities();
@@ -274,7 +296,7 @@ impl Light {
         for numbers in ranks.own(count).chunks(RUNS) {
             let runs: Vec<&Points> = numbers.iter().map(|&k| &sights.runs[k]).collect();
             let light = light_of(&runs, &self.direct, &self.facets, is_diffuse)?;
-            let of_run = |((&k, run), light): ((&usize, &&Points), &LampLight)| {
+            let of_run = |((&k, run), light): ((&usize, &&Points), &Cow<LampLight>)| {
                 difference(run, light, samples.as_ref().map(|of_runs| &of_runs[k]))
             };
             found.extend(parallel::map(numbers.iter().zip(&runs).zip(&light), of_run));
@@ -306,10 +328,9 @@ impl Light {
     }
 
     fn sights(&self, view: &View, coverage: &Coverage) -> Result<Arc<Sights>, RankError> {
-        let (lamps, views) = (self.direct.lamps_of_point(), self.views.len());
         let sight = self.sight(&view.camera);
         view.sights.of(coverage.faces_in_pixels().collect(), &self.patterns, &sight, |seen| {
-            let whole = Sights::new(&sight, seen.to_vec(), lamps, views);
+            let whole = Sights::new(&sight, seen.to_vec());
             if self.is_smooth || !self.direct.has_sharp_shadows() {
                 return Ok(whole);
             }
@@ -319,12 +340,7 @@ impl Light {
                 run.of.iter().zip(found).for_each(|(&place, shares)| sunlit[place] = shares);
             }
             let is_glossy = |face: usize| self.materials[face].is_glossy();
-            Ok(Sights::new(
-                &sight,
-                edges::cut(&sight, seen, &sunlit, coverage.width() as usize, is_glossy),
-                lamps,
-                views,
-            ))
+            Ok(Sights::new(&sight, edges::cut(&sight, seen, &sunlit, coverage.width() as usize, is_glossy)))
         })
     }
 
@@ -340,6 +356,8 @@ impl Light {
             patterns: &self.patterns,
             view: image::View::new(camera),
             eye: self.placement.apply(camera.position),
+            by_geometry: self.by_geometry,
+            room: &self.room,
         }
     }
 
@@ -400,10 +418,8 @@ impl Light {
             let near = self.near.as_ref().and_then(|near| Some((near, near.rest(face)?)));
             let interpolated = near.map_or(&self.sharpened[..], |(_, rest)| rest);
             let corners = self.interpolation.corners(&self.facets, interpolated, face);
-            let of_points = at.iter().zip(light.iter());
-            for (k, (to, (point, of_lamps))) in differences.iter_mut().zip(of_points).enumerate() {
-                let direct: DVec3 =
-                    of_lamps.iter().map(|(l, phi)| phi.dot(facet.normal) * radiance[*l as usize]).sum();
+            for (k, (to, point)) in differences.iter_mut().zip(at).enumerate() {
+                let direct: DVec3 = light.at(k).map(|(l, irradiance, _)| irradiance * radiance[l]).sum();
                 let b = barycentric(facet.corners, facet.normal, *point);
                 let nearby = near.map(|(near, _)| near.received(&self.facets, face, *point));
                 let indirect =

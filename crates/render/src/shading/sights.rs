@@ -1,6 +1,8 @@
 //! What geometry alone decides of a picture: where a camera sees each face, and how much of each lamp is seen from there.
 
+use super::lamp_light::{LampLight, Shelf};
 use super::pattern::Spot;
+use super::room::{Lease, Room};
 use crate::image::{FaceInPixel, View};
 use antirad_base::parallel;
 use antirad_core::direct::{DirectLight, PointLight, barycentric};
@@ -10,7 +12,7 @@ use antirad_scene::Patterns;
 use glam::DVec3;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Points that share a search for blockers.
 pub const POINTS: usize = 64;
@@ -18,28 +20,23 @@ pub const POINTS: usize = 64;
 /// Chunks of points whose light is asked for at once.
 pub const RUNS: usize = 4096;
 
-/// Largest number of pairs of a point and a lamp to hold: of one picture 250 MB, of all 1 GB.
-const MOST_KEPT: usize = 8_000_000;
-const MOST_OF_ALL: usize = 32_000_000;
-
-/// The light of lamps at each point.
-pub type LampLight<'a> = Cow<'a, [PointLight]>;
-
 impl Points {
     /// The light of lamps at the points, computed unless held.
-    pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> LampLight<'_> {
-        let compute = || direct.at_points(facets, self.face, &self.at);
-        match &self.light {
-            Some(held) => Cow::Borrowed(held.get_or_init(|| without_room(compute()))),
-            None => Cow::Owned(compute()),
+    pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> Cow<'_, LampLight> {
+        match self.shelf.as_ref().and_then(Shelf::get) {
+            Some(held) => Cow::Borrowed(held),
+            None => self.put(&direct.at_points(facets, self.face, &self.at), facets),
         }
     }
-}
 
-/// Light that takes no more memory than it needs.
-fn without_room(mut light: Vec<PointLight>) -> Vec<PointLight> {
-    light.iter_mut().for_each(PointLight::shrink_to_fit);
-    light
+    /// Light that has been computed, held if it may be.
+    fn put(&self, light: &[PointLight], facets: &[Facet]) -> Cow<'_, LampLight> {
+        let light = LampLight::new(light, facets[self.face].normal, self.by_geometry);
+        match &self.shelf {
+            Some(shelf) => shelf.put(light),
+            None => Cow::Owned(light),
+        }
+    }
 }
 
 /// The light of lamps at the points of several runs, asked for at once unless held; that of faces that are not `lit` is empty.
@@ -51,21 +48,19 @@ pub fn light_of<'a>(
     direct: &DirectLight,
     facets: &[Facet],
     lit: impl Fn(usize) -> bool,
-) -> Result<Vec<LampLight<'a>>, GpuError> {
-    let held = |run: &'a Points| run.light.as_ref().and_then(|room| room.get());
-    let is_unknown = |run: &&&'a Points| lit(run.face) && held(run).is_none();
-    let unknown: Vec<(usize, &[DVec3])> =
-        runs.iter().filter(is_unknown).map(|run| (run.face, &run.at[..])).collect();
+) -> Result<Vec<Cow<'a, LampLight>>, GpuError> {
+    let held = |run: &'a Points| run.shelf.as_ref().and_then(Shelf::get);
+    let known: Vec<Option<&LampLight>> = runs.iter().map(|&run| held(run)).collect();
+    let is_unknown = |(run, known): &(&&Points, &Option<&LampLight>)| lit(run.face) && known.is_none();
+    let unknown = runs.iter().zip(&known).filter(is_unknown);
+    let unknown: Vec<(usize, &[DVec3])> = unknown.map(|(run, _)| (run.face, &run.at[..])).collect();
     let mut found = direct.at_faces(facets, &unknown)?.into_iter();
-    let of = |&run: &&'a Points| match (held(run), &run.light) {
-        (Some(light), _) => Cow::Borrowed(&light[..]),
-        _ if !lit(run.face) => Cow::Borrowed(&[][..]),
-        (_, Some(room)) => {
-            Cow::Borrowed(&room.get_or_init(|| without_room(found.next().unwrap_or_default()))[..])
-        }
-        (_, None) => Cow::Owned(found.next().unwrap_or_default()),
+    let of = |(&run, known): (&&'a Points, Option<&'a LampLight>)| match known {
+        Some(light) => Cow::Borrowed(light),
+        None if lit(run.face) => run.put(&found.next().unwrap_or_default(), facets),
+        None => Cow::Owned(LampLight::default()),
     };
-    Ok(runs.iter().map(of).collect())
+    Ok(runs.iter().zip(known).map(of).collect())
 }
 
 /// Points of a picture on one face, in the order of the picture.
@@ -76,9 +71,10 @@ pub struct Points {
     pub of: Vec<usize>,
     /// Positions in the engine's coordinates.
     pub at: Vec<DVec3>,
-    /// The light of lamps at each point, once it has been asked for: a rank asks for that of its share of a picture. `None` where that is too
-    /// much to hold for a whole picture.
-    light: Option<Arc<OnceLock<Vec<PointLight>>>>,
+    /// Holds the light of lamps at each point, once it has been asked for: a rank asks for that of its share of a picture.
+    shelf: Option<Shelf>,
+    /// Whether derivatives by geometry are wanted.
+    by_geometry: bool,
     /// Factors of albedo and emission around each point; empty if the face has no pattern.
     pub pattern: Vec<[DVec3; 2]>,
 }
@@ -90,6 +86,10 @@ pub struct Sight<'a> {
     pub view: View,
     /// Position of the eye, in the engine's coordinates.
     pub eye: DVec3,
+    /// Whether derivatives by geometry are wanted.
+    pub by_geometry: bool,
+    /// Room for what is held.
+    pub room: &'a Arc<Room>,
 }
 
 impl Sight<'_> {
@@ -98,7 +98,8 @@ impl Sight<'_> {
         let facet = &self.facets[face];
         let point = |spot: &Spot| hit(facet, self.eye, self.view.ray(spot.middle[0], spot.middle[1]));
         let at: Vec<DVec3> = spots.iter().map(point).collect();
-        Points { face, of, at, light: hold.then(Arc::default), pattern: self.pattern(face, spots) }
+        let shelf = hold.then(|| Shelf::new(self.room.clone()));
+        Points { face, of, at, shelf, by_geometry: self.by_geometry, pattern: self.pattern(face, spots) }
     }
 
     /// Factors of albedo and emission around spots of a face; empty if it has no pattern.
@@ -118,15 +119,11 @@ pub struct Sights {
     pub seen: Vec<FaceInPixel>,
     /// Chunks of points on one face that are close in the picture.
     pub runs: Vec<Points>,
-    /// Whether they hold the light of lamps, once it is known.
-    held: bool,
 }
 
 impl Sights {
-    /// The points of all faces seen. Of how many `lamps` a point sees light, and the number of `views`, decide whether light can be held.
-    pub fn new(sight: &Sight, seen: Vec<FaceInPixel>, lamps: usize, views: usize) -> Self {
-        let most = MOST_KEPT.min(MOST_OF_ALL / views.max(1));
-        let held = seen.len().saturating_mul(lamps) <= most;
+    /// The points of all faces seen.
+    pub fn new(sight: &Sight, seen: Vec<FaceInPixel>) -> Self {
         let mut by_face: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (place, seen) in seen.iter().enumerate() {
             by_face.entry(seen.face).or_default().push(place);
@@ -137,25 +134,43 @@ impl Sights {
             .collect();
         let points = |&(face, of): &(usize, &[usize])| {
             let spots: Vec<Spot> = of.iter().map(|&place| Spot::from(&seen[place])).collect();
-            sight.points(face, of.to_vec(), &spots, held)
+            sight.points(face, of.to_vec(), &spots, true)
         };
         let runs = parallel::map(&runs, points);
-        Self { seen, runs, held }
+        Self { seen, runs }
     }
 
     /// The same points where patterns have changed; they share the light of lamps.
     fn with_patterns(&self, sight: &Sight) -> Self {
         let points = |points: &Points| {
-            let Points { face, of, at, light, .. } = points;
+            let Points { face, of, at, shelf, by_geometry, .. } = points;
             let spots: Vec<Spot> = of.iter().map(|&place| Spot::from(&self.seen[place])).collect();
             let pattern = sight.pattern(*face, &spots);
-            Points { face: *face, of: of.clone(), at: at.clone(), light: light.clone(), pattern }
+            Points {
+                face: *face,
+                of: of.clone(),
+                at: at.clone(),
+                shelf: shelf.clone(),
+                by_geometry: *by_geometry,
+                pattern,
+            }
         };
-        Self { seen: self.seen.clone(), runs: parallel::map(&self.runs, points), held: self.held }
+        Self { seen: self.seen.clone(), runs: parallel::map(&self.runs, points) }
+    }
+
+    /// Bytes, without the light of lamps.
+    fn bytes(&self) -> usize {
+        let of_run = |run: &Points| {
+            size_of::<Points>()
+                + size_of_val(&run.of[..])
+                + size_of_val(&run.at[..])
+                + size_of_val(&run.pattern[..])
+        };
+        size_of_val(&self.seen[..]) + self.runs.iter().map(of_run).sum::<usize>()
     }
 }
 
-/// The sights of one camera, once they are known; clones share them.
+/// The sights of one camera, once they are known, as far as there is room; clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Kept(Arc<Mutex<Option<Known>>>);
 
@@ -166,6 +181,7 @@ struct Known {
     shown: Option<Vec<FaceInPixel>>,
     patterns: Arc<Patterns>,
     sights: Arc<Sights>,
+    _lease: Lease,
 }
 
 impl Kept {
@@ -192,7 +208,14 @@ impl Kept {
         let sights = Arc::new(compute(&shown)?);
         let patterns = patterns.clone();
         let shown = (sights.seen != shown).then_some(shown);
-        *kept = sights.held.then(|| Known { shown, patterns, sights: sights.clone() });
+        *kept = None;
+        let bytes = sights.bytes() + shown.as_ref().map_or(0, |shown| size_of_val(&shown[..]));
+        *kept = sight.room.take(bytes).map(|lease| Known {
+            shown,
+            patterns,
+            sights: sights.clone(),
+            _lease: lease,
+        });
         Ok(sights)
     }
 }
@@ -238,12 +261,15 @@ mod tests {
         let at = vec![facets[0].centroid, facets[0].corners[0]];
         let light = direct.at_points(&facets, 0, &at);
         assert!(light[0][0].1.y > 0.1);
-        for held in [true, false] {
+        let light = LampLight::new(&light, facets[0].normal, false);
+        let shelves =
+            [Some(1 << 20), Some(0), None].map(|bytes| bytes.map(|bytes| Shelf::new(Room::new(bytes))));
+        for (shelf, held) in shelves.into_iter().zip([true, false, false]) {
             let (of, pattern) = (vec![0, 1], Vec::new());
-            let points = Points { face: 0, of, at: at.clone(), light: held.then(Arc::default), pattern };
+            let points = Points { face: 0, of, at: at.clone(), shelf, by_geometry: false, pattern };
             for once_more in [false, true] {
                 let found = points.light(&direct, &facets);
-                assert_eq!(*found, light[..], "{once_more}");
+                assert_eq!(*found, light, "{once_more}");
                 assert_eq!(matches!(found, Cow::Borrowed(_)), held);
             }
         }

@@ -7,7 +7,7 @@ mod rows;
 mod sliced;
 
 pub use blocks::{IncidentPart, OutgoingPart};
-pub use sliced::{Block, NO_ROW, SLICE, SlicedMatrix};
+pub use sliced::{Block, NO_ROW, SLICE, SlicedMatrix, Weights};
 
 use super::{MemoryPlan, NearPairs, Plan, PlanError, PlannedTransport, Residency};
 use crate::direct::Openness;
@@ -219,7 +219,8 @@ impl Plan {
                 .map(|group| self.layout.slots_of(&group.tiles).start);
             (own - all) * self.bins.count() as u32
         };
-        let forward = SlicedMatrix::new(rows, blocks, |row| match blocks.parts(row.block) {
+        let precision = self.settings.precision;
+        let forward = SlicedMatrix::new(rows, blocks, precision, |row| match blocks.parts(row.block) {
             (IncidentPart::Irradiance, _) => 1.0,
             (IncidentPart::Bins { .. }, _) => per_bin(row),
         })
@@ -236,7 +237,7 @@ impl Plan {
                     turned
                 }
             };
-            let turned = SlicedMatrix::new(&turned, blocks, |row| match blocks.parts(row.block) {
+            let turned = SlicedMatrix::new(&turned, blocks, precision, |row| match blocks.parts(row.block) {
                 (_, OutgoingPart::Diffuse | OutgoingPart::Specular { .. }) => 1.0,
                 (_, OutgoingPart::Antiradiance { .. }) => per_bin(row),
             });
@@ -265,7 +266,7 @@ impl Plan {
             starts: size_of_val(&matrix.starts[..]) as u64,
             rows: size_of_val(&matrix.rows[..]) as u64,
             columns: size_of_val(&matrix.columns[..]) as u64,
-            weights: matrix.weights.len() as u64 * self.settings.precision.bytes(),
+            weights: matrix.weights.bytes(),
         }
     }
 

@@ -72,7 +72,7 @@ impl Rows {
     }
 
     /// The entries of a row.
-    pub fn entries(&self, row: &Row) -> impl Iterator<Item = (u32, f64)> {
+    pub fn entries<'a>(&'a self, row: &Row) -> impl Iterator<Item = (u32, f64)> + use<'a> {
         let entries = row.first as usize..(row.first + row.length) as usize;
         self.columns[entries.clone()].iter().copied().zip(self.weights[entries].iter().copied())
     }

@@ -4,9 +4,11 @@
 use super::blocks::{Blocks, IncidentPart, OutgoingPart};
 use super::rows::{Row, Rows};
 use antirad_base::parallel;
+use antirad_scene::Precision;
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Rows of a slice.
 pub const SLICE: u32 = 32;
@@ -37,12 +39,50 @@ pub struct SlicedMatrix {
     /// Columns: slice after slice, in each the first of all rows, then the second.
     pub columns: Vec<u32>,
     /// Weights, in the order of `columns`.
-    pub weights: Vec<f64>,
+    pub weights: Weights,
+}
+
+/// Weights in the precision of operators, which the CPU reads in place.
+#[derive(Clone, Debug)]
+pub enum Weights {
+    /// Single precision.
+    F32(Arc<[f32]>),
+    /// Double precision.
+    F64(Arc<[f64]>),
+}
+
+impl Default for Weights {
+    fn default() -> Self {
+        Self::F32(Arc::default())
+    }
+}
+
+impl Weights {
+    /// Bytes of all weights.
+    pub fn bytes(&self) -> u64 {
+        match self {
+            Self::F32(weights) => size_of_val(&weights[..]) as u64,
+            Self::F64(weights) => size_of_val(&weights[..]) as u64,
+        }
+    }
+
+    /// The weights as numbers in memory.
+    pub fn as_bytes(&self) -> &[u8] {
+        match self {
+            Self::F32(weights) => bytemuck::cast_slice(weights),
+            Self::F64(weights) => bytemuck::cast_slice(weights),
+        }
+    }
 }
 
 impl SlicedMatrix {
     /// Makes slices of the rows of some blocks, each multiplied by `factor`, a function of block and row.
-    pub fn new(rows: &Rows, blocks: &Blocks, factor: impl Fn(&Row) -> f64 + Sync) -> Self {
+    pub fn new(
+        rows: &Rows,
+        blocks: &Blocks,
+        precision: Precision,
+        factor: impl Fn(&Row) -> f64 + Sync,
+    ) -> Self {
         let mut sorted: Vec<&Row> = rows.rows.iter().collect();
         sorted.par_sort_unstable_by_key(|row| (row.block, Reverse(row.length), row.index));
         let by_block = sorted.chunk_by(|a, b| a.block == b.block);
@@ -59,13 +99,22 @@ impl SlicedMatrix {
                 _ => matrix.blocks.push(Block { incident, outgoing, slices: at..at + 1 }),
             }
         }
-        let filled: Vec<(Vec<u32>, Vec<f64>)> = parallel::map(&slices, |slice| fill(rows, slice, &factor));
-        for (slice, (columns, weights)) in slices.iter().zip(filled) {
+        for slice in &slices {
             let indices = slice.iter().map(|row| row.index).chain(std::iter::repeat(NO_ROW));
             matrix.rows.extend(indices.take(SLICE as usize));
-            matrix.columns.extend(columns);
-            matrix.weights.extend(weights);
         }
+        let columns = |row: &Row| rows.entries(row).map(|(column, _)| column);
+        matrix.columns = filled(&slices, columns);
+        let weights = |row: &Row| {
+            let factor = factor(row);
+            rows.entries(row).map(move |(_, weight)| factor * weight)
+        };
+        matrix.weights = match precision {
+            Precision::F32 => {
+                Weights::F32(filled(&slices, |row| weights(row).map(|weight| weight as f32)).into())
+            }
+            Precision::F64 => Weights::F64(filled(&slices, weights).into()),
+        };
         matrix
     }
 
@@ -91,17 +140,46 @@ impl SlicedMatrix {
     }
 }
 
-/// Columns and weights of a slice.
-fn fill(rows: &Rows, slice: &[&Row], factor: &(impl Fn(&Row) -> f64 + Sync)) -> (Vec<u32>, Vec<f64>) {
-    let lanes = SLICE as usize;
-    let count = slice[0].length as usize * lanes;
-    let (mut columns, mut weights) = (vec![0; count], vec![0.0; count]);
-    for (lane, row) in slice.iter().enumerate() {
-        let factor = factor(row);
-        for (k, (column, weight)) in rows.entries(row).enumerate() {
-            columns[k * lanes + lane] = column;
-            weights[k * lanes + lane] = factor * weight;
-        }
+/// The values of the entries of each row, slice after slice, filled up with zeros.
+fn filled<T, I>(slices: &[&[&Row]], values: impl Fn(&Row) -> I + Sync) -> Vec<T>
+where
+    T: Clone + Default + Send,
+    I: Iterator<Item = T>,
+{
+    const LANES: usize = SLICE as usize;
+    let count = |slice: &[&Row]| slice[0].length as usize * LANES;
+    let mut all = vec![T::default(); slices.iter().map(|slice| count(slice)).sum()];
+    let mut rest = &mut all[..];
+    let mut parts = Vec::with_capacity(slices.len());
+    for slice in slices {
+        let (own, others) = rest.split_at_mut(count(slice));
+        parts.push(own);
+        rest = others;
     }
-    (columns, weights)
+    parallel::each(slices.iter().zip(parts), |(slice, to)| {
+        for (lane, row) in slice.iter().enumerate() {
+            to[lane..].iter_mut().step_by(LANES).zip(values(row)).for_each(|(to, value)| *to = value);
+        }
+    });
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(index: u32, first: u32, length: u32) -> Row {
+        Row { block: 0, index, first, length }
+    }
+
+    #[test]
+    fn slices_hold_one_entry_of_each_row_after_the_other() {
+        let rows = [row(7, 0, 2), row(4, 2, 1)];
+        let slice: Vec<&Row> = rows.iter().collect();
+        let values = |row: &Row| (row.first..row.first + row.length).map(|at| at + 1);
+        let all: Vec<u32> = filled(&[&slice], values);
+        let mut expected = [0; 2 * SLICE as usize];
+        (expected[0], expected[1], expected[SLICE as usize]) = (1, 3, 2);
+        assert_eq!(all, expected);
+    }
 }

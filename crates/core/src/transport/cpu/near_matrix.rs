@@ -1,7 +1,7 @@
 //! y += M x, with M a block of the near field. Twin of crates/core/glsl/near_matrix.comp.
 
 use super::real::Real;
-use crate::backend::{Array, Cpu, Lease};
+use crate::backend::{Cpu, Lease};
 use crate::plan::{Block, NO_ROW, SLICE, SlicedMatrix};
 use antirad_base::parallel;
 use antirad_base::usage::OverBudget;
@@ -13,9 +13,9 @@ const SMALL: u64 = 1 << 14;
 /// The matrix from outgoing to incident light, or its transpose.
 pub struct NearMatrix<T> {
     pub matrix: Arc<SlicedMatrix>,
-    weights: Array<T>,
-    /// The memory of the lists of starts, rows and columns, which the plan holds.
-    _lists: [Lease; 3],
+    weights: Arc<[T]>,
+    /// The memory of the matrix, which the plan holds.
+    _arrays: [Lease; 4],
 }
 
 impl<T: Real> NearMatrix<T> {
@@ -23,11 +23,9 @@ impl<T: Real> NearMatrix<T> {
         let list = |label: &str, words: &[u32]| cpu.lease(label, size_of_val(words) as u64);
         Ok(Self {
             matrix: matrix.clone(),
-            weights: cpu.filled(
-                "near matrix: weights",
-                matrix.weights.iter().map(|&weight| T::of(weight)).collect(),
-            )?,
-            _lists: [
+            weights: T::weights(&matrix.weights),
+            _arrays: [
+                cpu.lease("near matrix: weights", matrix.weights.bytes())?,
                 list("near matrix: starts", &matrix.starts)?,
                 list("near matrix: rows", &matrix.rows)?,
                 list("near matrix: columns", &matrix.columns)?,

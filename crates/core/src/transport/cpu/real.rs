@@ -1,10 +1,12 @@
 //! The real types of operators, with the functions that they approximate: twin of crates/core/glsl/real.glsl and arctangent.glsl.
 
 use super::state::Vector;
+use crate::plan::Weights;
 use crate::transport::{State, Values};
 use bytemuck::Pod;
 use nalgebra::RealField;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+use std::sync::Arc;
 
 /// A number. Everything is inlined where it is called, to be compiled for the vectors of the CPU.
 pub trait Real:
@@ -48,6 +50,8 @@ pub trait Real:
     fn vector(state: &State) -> Option<&Vector<Self>>;
     fn vector_mut(state: &mut State) -> Option<&mut Vector<Self>>;
     fn state(vector: Vector<Self>) -> State;
+    /// Weights of a matrix, shared where they are of this type.
+    fn weights(weights: &Weights) -> Arc<[Self]>;
 
     #[inline(always)]
     fn least(self, other: Self) -> Self {
@@ -92,6 +96,13 @@ impl Real for f32 {
 
     fn state(vector: Vector<Self>) -> State {
         State(Values::Single(vector))
+    }
+
+    fn weights(weights: &Weights) -> Arc<[Self]> {
+        match weights {
+            Weights::F32(weights) => weights.clone(),
+            Weights::F64(weights) => weights.iter().map(|&weight| weight as Self).collect(),
+        }
     }
 
     #[inline(always)]
@@ -199,6 +210,13 @@ impl Real for f64 {
 
     fn state(vector: Vector<Self>) -> State {
         State(Values::Double(vector))
+    }
+
+    fn weights(weights: &Weights) -> Arc<[Self]> {
+        match weights {
+            Weights::F32(weights) => weights.iter().map(|&weight| weight.into()).collect(),
+            Weights::F64(weights) => weights.clone(),
+        }
     }
 
     #[inline(always)]

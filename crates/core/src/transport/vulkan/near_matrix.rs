@@ -2,7 +2,6 @@
 
 use super::bundle::PassMonitor;
 use super::bundle::{Bundle, MOST_GROUPS};
-use super::real;
 use crate::plan::{Block, IncidentPart, OutgoingPart, Plan, SLICE, SlicedMatrix};
 use crate::shaders;
 use crate::transport::TransportError;
@@ -76,13 +75,16 @@ impl NearMatrix {
             device.upload_slice(&buffer, 0, words)?;
             Ok(buffer)
         };
+        let weights =
+            Buffer::new(device, "near matrix: weights", matrix.weights.bytes(), BufferKind::Storage)?;
+        device.upload(&weights, 0, matrix.weights.as_bytes())?;
         Ok(Self {
             matrix: matrix.clone(),
             transposed,
             starts: words("near matrix: starts", &matrix.starts)?,
             rows: words("near matrix: rows", &matrix.rows)?,
             columns: words("near matrix: columns", &matrix.columns)?,
-            weights: real::filled(device, "near matrix: weights", precision, &matrix.weights)?,
+            weights,
             kernels: Self::kernels(device, plan)?,
             pace: Pace::new(1e7),
             precision,
