@@ -93,16 +93,20 @@ impl Scene {
         parents
     }
 
+    /// The diagonal of the box around all surfaces but those that emit and reflect nothing, such as a [sky](Self::add_sky), m.
+    pub fn diagonal_of_what_reflects(&self) -> f64 {
+        let reflects = |t: &usize| !self.material(*t).only_emits();
+        let (low, high) = bounds((0..self.triangles.len()).filter(reflects).flat_map(|t| self.corners(t)));
+        low.distance(high)
+    }
+
     /// Cuts triangles with edges longer than a share of the scene's diagonal until there are none, or `max_triangles` would be exceeded.
     /// Surfaces that emit and reflect nothing, such as a [sky](Self::add_sky), do not count and stay. Returns the original triangle of
     /// each new one.
     pub fn split_wide(&mut self, share: f64, max_triangles: usize) -> Vec<u32> {
         let reflects = |scene: &Self, t: u32| !scene.material(t as usize).only_emits();
-        let every = 0..self.triangles.len() as u32;
-        let (low, high) =
-            bounds(every.clone().filter(|&t| reflects(self, t)).flat_map(|t| self.corners(t as usize)));
-        let widest = share * low.distance(high);
-        let mut parents: Vec<u32> = every.collect();
+        let widest = share * self.diagonal_of_what_reflects();
+        let mut parents: Vec<u32> = (0..self.triangles.len() as u32).collect();
         loop {
             let longest = |t: u32| self.longest_side(t as usize).1;
             let has_area = |t: u32| self.degenerate.binary_search(&t).is_err();
@@ -178,12 +182,28 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Material, SceneBuilder, Shape, sides};
+    use crate::{Material, SceneBuilder, Shape, Sky, sides};
     use glam::{DAffine3, DVec3};
     use std::collections::HashSet;
 
     fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
         [a.min(b), a.max(b)]
+    }
+
+    #[test]
+    fn a_sky_does_not_make_a_scene_larger() {
+        let mut builder = SceneBuilder::new();
+        builder.shape(
+            "ground",
+            Shape::Quad { cells: 2 },
+            &Material::named("earth"),
+            DAffine3::from_scale(DVec3::new(3.0, 1.0, 4.0)),
+        );
+        let mut scene = builder.finish("ground").expect("a scene");
+        let diagonal = scene.diagonal_of_what_reflects();
+        assert!((diagonal - 5.0).abs() < 1e-12, "{diagonal}");
+        scene.add_sky(&Sky::uniform([1.0; 3]));
+        assert_eq!(scene.diagonal_of_what_reflects(), diagonal);
     }
 
     #[test]

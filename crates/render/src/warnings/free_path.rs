@@ -10,11 +10,11 @@ use antirad_base::parallel;
 use antirad_core::direct::from_front;
 use antirad_core::model::Facet;
 use antirad_core::plan::is_explicit;
-use antirad_scene::{Scene, bounds};
+use antirad_scene::Scene;
 
 /// Sides longer than so many free paths are cut.
 const LONG: f64 = 1.0;
-/// Sides below this share of the scene's diagonal are not.
+/// Sides below this share of the scene's diagonal, without a sky, are not.
 const SHORT: f64 = 0.03;
 /// Rays that tell the free path of a triangle: their median.
 const RAYS: u32 = 31;
@@ -62,10 +62,11 @@ fn limits(scene: &Scene) -> Vec<f64> {
         distances.sort_by(f64::total_cmp);
         distances[distances.len() / 2]
     };
-    let (low, high) = bounds(scene.vertices.iter().copied());
-    let short = SHORT * low.distance(high);
+    let short = SHORT * scene.diagonal_of_what_reflects();
     let irradiance = |i: usize| tracer.irradiance_of(i, PATHS).mean.element_sum();
-    let tried: Vec<usize> = (0..count).step_by(count.div_ceil(TRIED).max(1)).collect();
+    let reflecting: Vec<usize> = (0..count).filter(|&i| !scene.material(i).only_emits()).collect();
+    let tried: Vec<usize> =
+        reflecting.iter().copied().step_by(reflecting.len().div_ceil(TRIED).max(1)).collect();
     let found: Vec<f64> = parallel::map(&tried, |&i| facets[i].area * irradiance(i));
     let mean = found.iter().sum::<f64>() / tried.iter().map(|&i| facets[i].area).sum::<f64>();
     let limit = |i: usize| {
