@@ -1,6 +1,6 @@
 //! The light of lamps at points of a face, in as little memory as pictures and their derivatives need.
 
-use super::room::{Lease, Room};
+use super::budget::{Budget, Lease};
 use antirad_core::direct::PointLight;
 use glam::DVec3;
 use std::borrow::Cow;
@@ -53,14 +53,14 @@ impl LampLight {
 
 /// Where the light of a run of points is held once it is known, as far as there is room; clones share it.
 #[derive(Clone, Debug)]
-pub struct Shelf {
-    room: Arc<Room>,
+pub struct Cache {
+    budget: Arc<Budget>,
     held: Arc<OnceLock<(LampLight, Lease)>>,
 }
 
-impl Shelf {
-    pub fn new(room: Arc<Room>) -> Self {
-        Self { room, held: Arc::default() }
+impl Cache {
+    pub fn new(budget: Arc<Budget>) -> Self {
+        Self { budget, held: Arc::default() }
     }
 
     pub fn get(&self) -> Option<&LampLight> {
@@ -69,7 +69,7 @@ impl Shelf {
 
     /// Holds the light if there is room.
     pub fn put(&self, light: LampLight) -> Cow<'_, LampLight> {
-        match self.room.take(light.bytes()) {
+        match self.budget.take(light.bytes()) {
             Some(lease) => Cow::Borrowed(&self.held.get_or_init(|| (light, lease)).0),
             None => Cow::Owned(light),
         }
@@ -97,10 +97,10 @@ mod tests {
     fn light_without_room_is_not_held() {
         let light = LampLight::new(&[vec![(0, DVec3::Y)]], DVec3::Y, false);
         let bytes = light.bytes();
-        for (room, held) in [(bytes, true), (bytes - 1, false)] {
-            let shelf = Shelf::new(Room::new(room as u64));
-            assert_eq!(*shelf.put(light.clone()), light);
-            assert_eq!(shelf.get().is_some(), held);
+        for (budget, held) in [(bytes, true), (bytes - 1, false)] {
+            let cache = Cache::new(Budget::new(budget as u64));
+            assert_eq!(*cache.put(light.clone()), light);
+            assert_eq!(cache.get().is_some(), held);
         }
     }
 }

@@ -7,13 +7,13 @@
 //! or emission vary within a face, both are those at x: the albedo and emission of the face, times the factors of its pattern.
 
 mod backward;
+mod budget;
 mod edges;
 mod interpolation;
 mod lamp_light;
 mod near;
 mod pattern;
 mod reflections;
-mod room;
 mod sights;
 
 pub use backward::{SeenFrom, ShadingError, TexelGradient, backward};
@@ -26,13 +26,13 @@ use antirad_core::model::Facet;
 use antirad_core::plan::Placement;
 use antirad_core::{Engine, EngineError, Solution};
 use antirad_scene::{BackendKind, Camera, Material, Patterns, Scene};
+use budget::Budget;
 use glam::DVec3;
 use interpolation::Interpolation;
 use lamp_light::LampLight;
 use near::{Lit, NearLight};
 use pattern::Spot;
 use reflections::{Estimate, Faces, Glossy, Held, Surroundings};
-use room::Room;
 use sights::{Kept, POINTS, Points, RUNS, Sight, Sights, light_of};
 use std::borrow::Cow;
 use std::f64::consts::PI;
@@ -106,7 +106,7 @@ pub struct Light {
     /// Whether derivatives by geometry are wanted.
     by_geometry: bool,
     /// Memory for what all views hold of points.
-    room: Arc<Room>,
+    budget: Arc<Budget>,
 }
 
 /// Most bytes that all views of a light hold of their points.
@@ -171,7 +171,7 @@ impl Light {
         let differentiable = options.gradients.any();
         let by_geometry = options.gradients.geometry();
         // The CPU has one memory for all: the rest of the budget is for pictures.
-        let room = match options.backend {
+        let budget = match options.backend {
             BackendKind::Cpu => options.memory_budget.saturating_sub(engine.plan().memory().total()) / 2,
             BackendKind::Vulkan => MOST_HELD,
         };
@@ -202,14 +202,14 @@ impl Light {
             surroundings,
             views,
             by_geometry,
-            room: Room::new(room.min(MOST_HELD)),
+            budget: Budget::new(budget.min(MOST_HELD)),
         })
     }
 
     /// Takes over what geometry alone decides of the pictures of another light, for the same geometry and cameras, so that it is not computed
     /// again.
     pub fn like(mut self, other: &Self) -> Self {
-        self.room = other.room.clone();
+        self.budget = other.budget.clone();
         if Arc::ptr_eq(&self.direct, &other.direct) {
             let same_rays =
                 Arc::ptr_eq(&self.patterns, &other.patterns) && self.densities() == other.densities();
@@ -357,7 +357,7 @@ impl Light {
             view: image::View::new(camera),
             eye: self.placement.apply(camera.position),
             by_geometry: self.by_geometry,
-            room: &self.room,
+            budget: &self.budget,
         }
     }
 

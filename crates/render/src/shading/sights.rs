@@ -1,8 +1,8 @@
 //! What geometry alone decides of a picture: where a camera sees each face, and how much of each lamp is seen from there.
 
-use super::lamp_light::{LampLight, Shelf};
+use super::budget::{Budget, Lease};
+use super::lamp_light::{Cache, LampLight};
 use super::pattern::Spot;
-use super::room::{Lease, Room};
 use crate::image::{FaceInPixel, View};
 use antirad_base::parallel;
 use antirad_core::direct::{DirectLight, PointLight, barycentric};
@@ -23,7 +23,7 @@ pub const RUNS: usize = 4096;
 impl Points {
     /// The light of lamps at the points, computed unless held.
     pub fn light(&self, direct: &DirectLight, facets: &[Facet]) -> Cow<'_, LampLight> {
-        match self.shelf.as_ref().and_then(Shelf::get) {
+        match self.cache.as_ref().and_then(Cache::get) {
             Some(held) => Cow::Borrowed(held),
             None => self.put(&direct.at_points(facets, self.face, &self.at), facets),
         }
@@ -32,8 +32,8 @@ impl Points {
     /// Light that has been computed, held if it may be.
     fn put(&self, light: &[PointLight], facets: &[Facet]) -> Cow<'_, LampLight> {
         let light = LampLight::new(light, facets[self.face].normal, self.by_geometry);
-        match &self.shelf {
-            Some(shelf) => shelf.put(light),
+        match &self.cache {
+            Some(cache) => cache.put(light),
             None => Cow::Owned(light),
         }
     }
@@ -49,7 +49,7 @@ pub fn light_of<'a>(
     facets: &[Facet],
     lit: impl Fn(usize) -> bool,
 ) -> Result<Vec<Cow<'a, LampLight>>, GpuError> {
-    let held = |run: &'a Points| run.shelf.as_ref().and_then(Shelf::get);
+    let held = |run: &'a Points| run.cache.as_ref().and_then(Cache::get);
     let known: Vec<Option<&LampLight>> = runs.iter().map(|&run| held(run)).collect();
     let is_unknown = |(run, known): &(&&Points, &Option<&LampLight>)| lit(run.face) && known.is_none();
     let unknown = runs.iter().zip(&known).filter(is_unknown);
@@ -72,7 +72,7 @@ pub struct Points {
     /// Positions in the engine's coordinates.
     pub at: Vec<DVec3>,
     /// Holds the light of lamps at each point, once it has been asked for: a rank asks for that of its share of a picture.
-    shelf: Option<Shelf>,
+    cache: Option<Cache>,
     /// Whether derivatives by geometry are wanted.
     by_geometry: bool,
     /// Factors of albedo and emission around each point; empty if the face has no pattern.
@@ -88,8 +88,8 @@ pub struct Sight<'a> {
     pub eye: DVec3,
     /// Whether derivatives by geometry are wanted.
     pub by_geometry: bool,
-    /// Room for what is held.
-    pub room: &'a Arc<Room>,
+    /// Memory for what is held.
+    pub budget: &'a Arc<Budget>,
 }
 
 impl Sight<'_> {
@@ -98,8 +98,8 @@ impl Sight<'_> {
         let facet = &self.facets[face];
         let point = |spot: &Spot| hit(facet, self.eye, self.view.ray(spot.middle[0], spot.middle[1]));
         let at: Vec<DVec3> = spots.iter().map(point).collect();
-        let shelf = hold.then(|| Shelf::new(self.room.clone()));
-        Points { face, of, at, shelf, by_geometry: self.by_geometry, pattern: self.pattern(face, spots) }
+        let cache = hold.then(|| Cache::new(self.budget.clone()));
+        Points { face, of, at, cache, by_geometry: self.by_geometry, pattern: self.pattern(face, spots) }
     }
 
     /// Factors of albedo and emission around spots of a face; empty if it has no pattern.
@@ -143,14 +143,14 @@ impl Sights {
     /// The same points where patterns have changed; they share the light of lamps.
     fn with_patterns(&self, sight: &Sight) -> Self {
         let points = |points: &Points| {
-            let Points { face, of, at, shelf, by_geometry, .. } = points;
+            let Points { face, of, at, cache, by_geometry, .. } = points;
             let spots: Vec<Spot> = of.iter().map(|&place| Spot::from(&self.seen[place])).collect();
             let pattern = sight.pattern(*face, &spots);
             Points {
                 face: *face,
                 of: of.clone(),
                 at: at.clone(),
-                shelf: shelf.clone(),
+                cache: cache.clone(),
                 by_geometry: *by_geometry,
                 pattern,
             }
@@ -210,7 +210,7 @@ impl Kept {
         let shown = (sights.seen != shown).then_some(shown);
         *kept = None;
         let bytes = sights.bytes() + shown.as_ref().map_or(0, |shown| size_of_val(&shown[..]));
-        *kept = sight.room.take(bytes).map(|lease| Known {
+        *kept = sight.budget.take(bytes).map(|lease| Known {
             shown,
             patterns,
             sights: sights.clone(),
@@ -262,11 +262,11 @@ mod tests {
         let light = direct.at_points(&facets, 0, &at);
         assert!(light[0][0].1.y > 0.1);
         let light = LampLight::new(&light, facets[0].normal, false);
-        let shelves =
-            [Some(1 << 20), Some(0), None].map(|bytes| bytes.map(|bytes| Shelf::new(Room::new(bytes))));
-        for (shelf, held) in shelves.into_iter().zip([true, false, false]) {
+        let caches =
+            [Some(1 << 20), Some(0), None].map(|bytes| bytes.map(|bytes| Cache::new(Budget::new(bytes))));
+        for (cache, held) in caches.into_iter().zip([true, false, false]) {
             let (of, pattern) = (vec![0, 1], Vec::new());
-            let points = Points { face: 0, of, at: at.clone(), shelf, by_geometry: false, pattern };
+            let points = Points { face: 0, of, at: at.clone(), cache, by_geometry: false, pattern };
             for once_more in [false, true] {
                 let found = points.light(&direct, &facets);
                 assert_eq!(*found, light, "{once_more}");
