@@ -364,7 +364,7 @@ class Renderer:
         *,
         views: Sequence[str] | None = None,
         gradients: Sequence[_Kind] = (),
-        supersample: int = 4,
+        supersample: int = 8,
         shading: Literal["gathered", "face"] = "gathered",
         textures: Sequence[tuple[str, int, int]] = (),
         backend: Backend | None = None,
@@ -557,7 +557,7 @@ def ambiguity(
     *,
     views: Sequence[str] | None = None,
     noise: float = 1e-3,
-    supersample: int = 4,
+    supersample: int = 8,
     backend: Backend | None = None,
     progress: _StepsProgress = None,
 ) -> Ambiguity: ...

@@ -55,7 +55,7 @@ def render(
     camera: jax.typing.ArrayLike | None = None,
     textures: Mapping[str, jax.typing.ArrayLike] | None = None,
     views: str | Sequence[str] | None = None,
-    supersample: int = 4,
+    supersample: int = 8,
     shading: str = "gathered",
     backend: Backend | None = None,
 ) -> jax.Array | tuple[jax.Array, ...]:

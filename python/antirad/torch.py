@@ -54,7 +54,7 @@ def render(
     camera: torch.Tensor | None = None,
     textures: Mapping[str, torch.Tensor] | None = None,
     views: str | Sequence[str] | None = None,
-    supersample: int = 4,
+    supersample: int = 8,
     shading: str = "gathered",
     backend: Backend | None = None,
 ) -> torch.Tensor | tuple[torch.Tensor, ...]:

@@ -420,7 +420,7 @@ def main():
     parser.add_argument("--seconds", type=float, default=60, help="longest run of these curves")
     parser.add_argument("--fit-seconds", type=float, default=60, help="of each fit of Mitsuba")
     parser.add_argument("--runs", type=int, default=5, help="repetitions of each point")
-    parser.add_argument("--supersample", type=int, default=4)
+    parser.add_argument("--supersample", type=int, default=8)
     parser.add_argument(
         "--tolerances", nargs="+", type=float, default=[0, 0.05, 0.02, 0.01, 0.005], help="0: none"
     )

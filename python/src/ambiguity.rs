@@ -73,7 +73,7 @@ impl Ambiguity {
 ///     ValueError: A material that is in use is glossy, or there is no such camera.
 ///     KeyboardInterrupt: Ctrl-C.
 #[pyfunction]
-#[pyo3(signature = (scene, *, views=None, noise=1e-3, supersample=4, backend=None, progress=None))]
+#[pyo3(signature = (scene, *, views=None, noise=1e-3, supersample=8, backend=None, progress=None))]
 pub fn ambiguity(
     py: Python<'_>,
     scene: &Scene,

@@ -141,9 +141,9 @@ impl Renderer {
 #[pymethods]
 impl Renderer {
     #[new]
-    #[pyo3(signature = (scene, *, views=None, gradients=vec![], supersample=4, shading="gathered", textures=vec![],
+    #[pyo3(signature = (scene, *, views=None, gradients=vec![], supersample=8, shading="gathered", textures=vec![],
         backend=None),
-        text_signature = "(scene, *, views=None, gradients=(), supersample=4, shading='gathered', textures=(), backend=None)")]
+        text_signature = "(scene, *, views=None, gradients=(), supersample=8, shading='gathered', textures=(), backend=None)")]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn new(
         py: Python<'_>,

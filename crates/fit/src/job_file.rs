@@ -246,7 +246,7 @@ impl JobFile {
     ///
     /// [solve]
     /// tolerance = 1e-5
-    /// supersample = 4
+    /// supersample = 8
     /// shading = "gathered"           # or "face": one colour per face
     /// backend = "auto"               # or "cpu", "vulkan"; otherwise that of the scene
     /// ```

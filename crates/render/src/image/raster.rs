@@ -30,7 +30,7 @@ setters!(PictureOptions { supersample: u32 });
 
 impl Default for PictureOptions {
     fn default() -> Self {
-        Self { supersample: 4 }
+        Self { supersample: 8 }
     }
 }
 
