@@ -1,5 +1,5 @@
 //! Loops over all cores, with results in the order of the items. They are compiled once: rayon's own iterators are
-//! compiled anew for each loop, which is a fifth of the time that the engine takes to compile.
+//! compiled anew for each loop, a fifth of the lines that the engine gives to LLVM, and a fourteenth of the time that it takes.
 
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
@@ -17,10 +17,12 @@ pub fn flat_map<I: Send, R: IntoIterator<Item: Send>>(
     items: impl Items<I>,
     of: impl Fn(I) -> R + Sync,
 ) -> Vec<R::Item> {
-    let lists = map(items, |item| of(item).into_iter().collect::<Vec<_>>());
-    let mut all = Vec::with_capacity(lists.iter().map(Vec::len).sum());
-    lists.into_iter().for_each(|list| all.extend(list));
-    all
+    gather(items, || (), |(), item, found| found.extend(of(item)))
+}
+
+/// Those of some items that `keep` accepts, in their order, on all cores.
+pub fn filter<I: Send>(items: impl Items<I>, keep: impl Fn(&I) -> bool + Sync) -> Vec<I> {
+    flat_map(items, |item| Some(item).filter(&keep))
 }
 
 /// Calls `of` with each item, on all cores.
@@ -34,6 +36,15 @@ pub fn map_init<I: Send, S, R: Send>(
     init: impl Fn() -> S + Sync,
     of: impl Fn(&mut S, I) -> R + Sync,
 ) -> Vec<R> {
+    gather(items, init, |scratch, item, found| found.push(of(scratch, item)))
+}
+
+/// What `add` adds to a list for some items, in their order.
+fn gather<I: Send, S, R: Send>(
+    items: impl Items<I>,
+    init: impl Fn() -> S + Sync,
+    add: impl Fn(&mut S, I, &mut Vec<R>) + Sync,
+) -> Vec<R> {
     let mut items = items.into_iter();
     let count = items.len();
     let size = part_of(count);
@@ -42,14 +53,15 @@ pub fn map_init<I: Send, S, R: Send>(
         .collect();
     run(parts.len(), &|part| {
         // No other thread has this part.
-        let mut part = parts[part].lock().unwrap_or_else(PoisonError::into_inner);
+        let (items, found) = &mut *parts[part].lock().unwrap_or_else(PoisonError::into_inner);
         let mut scratch = init();
-        part.1 = std::mem::take(&mut part.0).into_iter().map(|item| of(&mut scratch, item)).collect();
+        found.reserve_exact(items.len());
+        std::mem::take(items).into_iter().for_each(|item| add(&mut scratch, item, found));
     });
     let mut all = Vec::with_capacity(count);
-    parts
-        .into_iter()
-        .for_each(|part| all.append(&mut part.into_inner().unwrap_or_else(PoisonError::into_inner).1));
+    for part in parts {
+        all.append(&mut part.into_inner().unwrap_or_else(PoisonError::into_inner).1);
+    }
     all
 }
 
@@ -81,6 +93,8 @@ mod tests {
             let nested = flat_map(0..count, |i| map(0..i % 3, |j| (i, j)));
             let wanted: Vec<_> = (0..count).flat_map(|i| (0..i % 3).map(move |j| (i, j))).collect();
             assert_eq!(nested, wanted);
+            let odd: Vec<_> = (0..count).filter(|i| i % 2 == 1).collect();
+            assert_eq!(filter(0..count, |i| i % 2 == 1), odd);
         }
     }
 

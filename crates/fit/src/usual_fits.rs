@@ -34,7 +34,7 @@ const MANY: u32 = 32;
 /// triangle where one mesh alone has no room in a texture.
 pub(super) fn usual_fits(scene: &Scene, targets: &[Target]) -> Result<(Vec<Fit>, Vec<String>), String> {
     let mut assumed = Vec::new();
-    let emits = |t: usize| scene.material(t).emission != [0.0; 3];
+    let emits = |t: usize| scene.material(t).emits();
     let mut emitters: Vec<String> =
         (0..scene.triangles.len()).filter(|&t| emits(t)).map(|t| scene.material(t).name.clone()).collect();
     emitters.sort();

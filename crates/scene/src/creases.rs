@@ -27,7 +27,7 @@ impl Scene {
         let surfaces = Surfaces::of(self, sizes);
         let shared: Vec<Edge> = edges.iter().filter(|edge| edge.len() > 1).collect();
         let is_crease = |edge: &Edge| surfaces.meet_along(edge, edge.ends().map(&place));
-        let creases = parallel::flat_map(shared, |edge| Some(edge).filter(is_crease));
+        let creases = parallel::filter(shared, is_crease);
         let mut marked = vec![[false; 3]; if creases.is_empty() { 0 } else { faces.len() }];
         for (t, ends) in creases.into_iter().flat_map(Edge::directed) {
             let sides = sides(faces[t as usize]);

@@ -54,9 +54,14 @@ impl Material {
         self.specular.iter().any(|&s| s > 0.0)
     }
 
+    /// True if it emits light.
+    pub fn emits(&self) -> bool {
+        self.emission != [0.0; 3]
+    }
+
     /// True if it emits light and reflects none, as skies and most lamps do.
     pub fn only_emits(&self) -> bool {
-        self.emission != [0.0; 3] && !self.is_glossy() && self.diffuse_albedo() == [0.0; 3]
+        self.emits() && !self.is_glossy() && self.diffuse_albedo() == [0.0; 3]
     }
 
     /// True if it reflects in its lobe alone.

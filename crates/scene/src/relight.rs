@@ -183,7 +183,7 @@ impl Scene {
     }
 
     fn emits(&self, triangle: u32) -> bool {
-        self.material(triangle as usize).emission != [0.0; 3]
+        self.material(triangle as usize).emits()
     }
 
     /// Names of meshes some of whose triangles emit.
@@ -198,7 +198,7 @@ impl Scene {
         let meshes = self.meshes.iter().filter(|mesh| mesh.name == name);
         let of_mesh = meshes.flat_map(|mesh| mesh.range.clone()).filter(|&t| self.emits(t)).collect();
         let of_materials = |is: &dyn Fn(&Material) -> bool| {
-            let is: Vec<bool> = self.materials.iter().map(|m| m.emission != [0.0; 3] && is(m)).collect();
+            let is: Vec<bool> = self.materials.iter().map(|m| m.emits() && is(m)).collect();
             let all = 0..self.triangles.len() as u32;
             all.filter(|&t| is[self.triangles[t as usize].material as usize]).collect()
         };

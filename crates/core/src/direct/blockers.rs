@@ -264,7 +264,7 @@ fn in_between(facets: &[Facet], tolerance: f64) -> Vec<u32> {
         let Facet { area, corners: [origin, ..], normal, .. } = facets[*i as usize];
         area > 0.0 && any_below(origin, normal) && any_below(origin, -normal)
     };
-    parallel::flat_map(0..facets.len() as u32, |i| Some(i).filter(between))
+    parallel::filter(0..facets.len() as u32, between)
 }
 
 /// Across each edge of some polygons, the other that has the same edge in the opposite direction; where those of each polygon begin.

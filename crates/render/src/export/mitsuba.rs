@@ -51,7 +51,7 @@ fn sheets(scene: &Scene) -> Vec<Option<Side>> {
     let side = |t: usize| {
         let back = other[t]? as usize;
         let alike = scene.triangles[t].material == scene.triangles[back].material;
-        let shines = scene.material(t).emission != [0.0; 3];
+        let shines = scene.material(t).emits();
         (alike && !shines && other[back] == Some(t as u32)).then_some(if t < back {
             Side::First
         } else {

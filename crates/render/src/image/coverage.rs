@@ -318,8 +318,7 @@ impl Sides {
         for face in faces {
             front[face.number as usize] = face.front;
         }
-        let emits =
-            (0..scene.triangles.len()).map(|face| scene.material(face).emission != [0.0; 3]).collect();
+        let emits = (0..scene.triangles.len()).map(|face| scene.material(face).emits()).collect();
         Self { front, emits }
     }
 

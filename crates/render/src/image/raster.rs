@@ -78,8 +78,8 @@ impl Rasterizer {
 
     /// What a camera sees of a scene, at `supersample` x `supersample` samples per pixel: for pictures in any colours, and for
     /// their derivatives. Lamps are far brighter than all else, and the shares that edges of theirs leave to a pixel must be as much more
-    /// accurate: unless `supersample` is 1, pixels at their edges have [`MAX_SUPERSAMPLE`] x [`MAX_SUPERSAMPLE`] samples. Of several ranks, which must all ask at once, the first looks, and all get what it sees: devices that differ may
-    /// round differently.
+    /// accurate: unless `supersample` is 1, pixels at their edges have [`MAX_SUPERSAMPLE`] x [`MAX_SUPERSAMPLE`] samples. Of several ranks, which
+    /// must all ask at once, the first looks, and all get what it sees: devices that differ may round differently.
     ///
     /// # Errors
     /// Fails if the scene, the camera or `supersample` is invalid, if the device fails, or if ranks can no
@@ -117,9 +117,7 @@ impl Rasterizer {
         let size = [camera.width, camera.height].map(f64::from);
         let is_small_lamp = |face: &&Projected| {
             let [x, y] = [face.bounds.x, face.bounds.y].map(|[low, high]| 0.5 * (high - low));
-            x * size[0] < SMALL
-                && y * size[1] < SMALL
-                && scene.material(face.number as usize).emission != [0.0; 3]
+            x * size[0] < SMALL && y * size[1] < SMALL && scene.material(face.number as usize).emits()
         };
         let small = Tiles::of(&grid, faces.iter().filter(is_small_lamp));
         let is_wanted = |(pixel, is_edge): (u32, bool)| {

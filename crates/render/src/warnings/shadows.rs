@@ -100,7 +100,7 @@ pub fn flooded(scene: &Scene) -> Vec<u32> {
     let (facets, lamps, _) = direct_lamps(scene);
     let emitted = Emitted::new(scene, &facets, &lamps);
     let all = 0..facets.len() as u32;
-    parallel::flat_map(all, |i| (emitted.share(i as usize) > MOST_OF_THE_LIGHT).then_some(i))
+    parallel::filter(all, |&i| emitted.share(i as usize) > MOST_OF_THE_LIGHT)
 }
 
 /// The light that lamps other than suns emit, as if nothing stood in its way.

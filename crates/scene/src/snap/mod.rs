@@ -253,7 +253,7 @@ fn without_collapse(
     };
     loop {
         let all = 0..surface.triangles.len() as u32;
-        let bad = parallel::flat_map(all, |t| Some(t).filter(|&t| !is_sound(&stages, t)));
+        let bad = parallel::filter(all, |&t| !is_sound(&stages, t));
         let mut changed = false;
         for &joint in bad.iter().flat_map(|&t| &joints.triangles[t as usize]) {
             let stage = &mut stages[joint as usize];

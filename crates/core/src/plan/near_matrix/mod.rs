@@ -124,7 +124,7 @@ impl Plan {
     fn keep_rays(&mut self, scene: &Scene, count: u32) -> Result<(), PlanError> {
         let blocks = Blocks::new(&self.layout, self.bins.count());
         let rays = rays_among(&self.facets);
-        self.openness = Openness::new(&self.facets, &rays, |i| scene.material(i).emission != [0.0; 3]).into();
+        self.openness = Openness::new(&self.facets, &rays, |i| scene.material(i).emits()).into();
         let rows = {
             let geometry = self.matrix_geometry();
             let seen = Seen::new(&geometry, (rays, count), &self.openness);
