@@ -168,20 +168,26 @@ impl Engine {
             true => Some(less(operator.given_specular()?, &specular)),
             false => None,
         };
-        let solved = match solver {
-            PlannedSolver::FixedPoint => {
-                fixed_point(&mut *operator, &FixedPointParams { tolerance, max_passes, reduction }, progress)
+        let (importance, info) = if request.light() {
+            let solved = match solver {
+                PlannedSolver::FixedPoint => {
+                    let params = FixedPointParams { tolerance, max_passes, reduction };
+                    fixed_point(&mut *operator, &params, progress)
+                }
+                PlannedSolver::Gmres { restart } => {
+                    let params = GmresParams::new(tolerance, max_passes, restart);
+                    gmres(&mut *operator, &params.rounding(rounding).reduction(reduction), progress)
+                }
+            };
+            match solved {
+                Ok(solved) => solved,
+                // An adjoint that has not converged gives no usable gradient.
+                Err(error) => return Err(error.map_best(|_, _| Ok::<_, EngineError>(None))?.into()),
             }
-            PlannedSolver::Gmres { restart } => {
-                let params =
-                    GmresParams::new(tolerance, max_passes, restart).rounding(rounding).reduction(reduction);
-                gmres(&mut *operator, &params, progress)
-            }
-        };
-        let (importance, info) = match solved {
-            Ok(solved) => solved,
-            // An adjoint that has not converged gives no usable gradient.
-            Err(error) => return Err(error.map_best(|_, _| Ok::<_, EngineError>(None))?.into()),
+        } else {
+            // Light does not depend on who looks.
+            let info = SolveInfo { passes: 0, converged: true, residuals: Vec::new(), spectral_radius: None };
+            (operator.vector()?, info)
         };
         let outgoing = operator.outgoing_cotangent(&importance)?;
         let lobes = if request.lobes() { operator.lobe_sums(&solution.state)? } else { None };

@@ -64,6 +64,11 @@ impl GradientRequest {
         self.positions || self.camera
     }
 
+    /// Whether a kind is requested that changes the light of triangles, as cameras do not.
+    pub fn light(self) -> bool {
+        self.camera(false).any()
+    }
+
     /// Whether a kind of specular lobes is requested.
     pub fn lobes(self) -> bool {
         self.specular || self.power
