@@ -244,6 +244,19 @@ impl Patterns {
         self.get(triangle).is_some()
     }
 
+    /// Whether two triangles have the same texture, or none, along the edge that they share. `corners`: of both ends, the corner of each.
+    pub fn continue_over_edge(&self, [a, b]: [usize; 2], corners: [[usize; 2]; 2]) -> bool {
+        let same = |a: DVec2, b: DVec2| a == b || a.is_nan() && b.is_nan();
+        match (self.get(a), self.get(b)) {
+            (None, None) => true,
+            (Some((a, _)), Some((b, _))) => {
+                a.maps == b.maps
+                    && corners.iter().all(|&[i, j]| same(a.uvs[i], b.uvs[j]) && a.colours[i] == b.colours[j])
+            }
+            _ => false,
+        }
+    }
+
     /// How many texels lie between two points of a triangle, by their barycentric coordinates, at most.
     pub fn texels_between(&self, triangle: usize, from: DVec3, to: DVec3) -> f64 {
         let Some((Pattern { uvs, .. }, maps)) = self.get(triangle) else { return 0.0 };

@@ -8,6 +8,7 @@
 //!
 //! Lines run through the centres of the samples; the visible faces along them are found exactly ([`super::sweep`]).
 
+use std::collections::HashMap;
 use std::ops::{AddAssign, Range};
 
 use glam::DVec3;
@@ -85,8 +86,22 @@ where
     geometry_gradient_of(&Ranks::default(), scene, camera, supersample, &shown, cotangent, None)
 }
 
-/// The colours of the front of a triangle at places of the picture, column and row in pixels from its upper left corner.
-pub type Colours<'a> = dyn Fn(usize, &[[f64; 2]]) -> Vec<[f64; 3]> + Sync + 'a;
+/// What the fronts of triangles show.
+pub trait FaceColours: Sync {
+    /// The colours of a triangle at places of the picture, column and row in pixels from its upper left corner.
+    fn at(&self, triangle: usize, places: &[[f64; 2]]) -> Vec<[f64; 3]>;
+
+    /// Whether two triangles have the same colours wherever one ends and the other begins.
+    fn is_seamless(&self, _triangles: [usize; 2]) -> bool {
+        false
+    }
+}
+
+impl<F: Fn(usize, &[[f64; 2]]) -> Vec<[f64; 3]> + Sync> FaceColours for F {
+    fn at(&self, triangle: usize, places: &[[f64; 2]]) -> Vec<[f64; 3]> {
+        self(triangle, places)
+    }
+}
 
 /// The derivatives of [`geometry_gradient`] for colours that vary over faces, in shares of some ranks, which
 /// must all call it. `movable`: indices of the vertices by which derivatives are wanted; those by the camera,
@@ -100,7 +115,7 @@ pub fn geometry_gradient_of(
     scene: &Scene,
     camera: &Camera,
     supersample: u32,
-    colours: &Colours,
+    colours: &dyn FaceColours,
     cotangent: &[[f64; 4]],
     movable: Option<&[u32]>,
 ) -> Result<GeometryGradient, ImageError> {
@@ -243,7 +258,7 @@ impl Lines {
         list: &[u32],
         faces: &[Projected],
         moves: &(dyn Fn(&Projected) -> bool + Sync),
-        colours: &Colours,
+        colours: &dyn FaceColours,
         cotangent: &[[f64; 4]],
     ) -> Vec<(u32, [DVec3; 3])> {
         // From a distance in the picture, whose side is 2, to an area in pixels.
@@ -255,6 +270,16 @@ impl Lines {
         let face = |place: u32| &faces[list[place as usize] as usize];
         let moving: Vec<u32> =
             list.iter().copied().filter(|&number| moves(&faces[number as usize])).collect();
+
+        let mut seams: HashMap<[u32; 2], bool> = HashMap::new();
+        let mut is_seamless = |before: Option<u32>, after: Option<u32>| {
+            let Some((a, b)) = before.zip(after) else { return false };
+            let fronts = [a.min(b), a.max(b)].map(face);
+            *seams.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                fronts.iter().all(|face| face.front)
+                    && colours.is_seamless(fronts.map(|face| face.number as usize))
+            })
+        };
 
         let mut boundaries = Vec::new();
         let mut sweep = Sweep::default();
@@ -271,7 +296,8 @@ impl Lines {
             let crossed = (0..).zip(list).map(|(place, &face)| (place, &faces[face as usize]));
             let crossed = crossed.filter(|(_, face)| on_line(face));
             sweep.line(crossed, self.axis, across, |Change { at, before, after, cause }| {
-                let by_pixel = cotangent[self.pixel(at, line)];
+                let pixel = self.pixel(at, line);
+                let by_pixel = cotangent[pixel];
                 let function = match (cause, before, after) {
                     (Cause::Edge { face: owner, edge }, ..) if moves(face(owner)) => face(owner).edges[edge],
                     (Cause::Crossing, Some(a), Some(b)) if moves(face(a)) || moves(face(b)) => {
@@ -279,7 +305,7 @@ impl Lines {
                     }
                     _ => return,
                 };
-                if by_pixel == [0.0; 4] || !self.own(function) {
+                if by_pixel == [0.0; 4] || !self.own(function) || is_seamless(before, after) {
                     return;
                 }
                 let [slope, ..] = self.axis.coefficients(function);
@@ -289,7 +315,7 @@ impl Lines {
                 };
                 let by_gain = -lines * area / slope * self.axis.place(at, across);
                 let place = self.place(at, across);
-                boundaries.push(Boundary { by_pixel, place, faces: [before, after], cause, by_gain });
+                boundaries.push(Boundary { pixel, by_pixel, place, faces: [before, after], cause, by_gain });
             });
         }
 
@@ -321,7 +347,8 @@ impl Lines {
 
 /// A place on a line where one visible face gives way to another.
 struct Boundary {
-    /// The derivative of the loss by the pixel.
+    /// The pixel, and the derivative of the loss by it.
+    pixel: usize,
     by_pixel: [f64; 4],
     /// Column and row.
     place: [f64; 2],
@@ -332,29 +359,50 @@ struct Boundary {
     by_gain: DVec3,
 }
 
-/// What the loss gains at each boundary where the face before it covers more of the pixel. The colours of a face are asked for
-/// together.
-fn gains<'a>(boundaries: &[Boundary], face: impl Fn(u32) -> &'a Projected, colours: &Colours) -> Vec<f64> {
-    let mut sides: Vec<(u32, usize, f64)> = Vec::with_capacity(2 * boundaries.len());
-    for (k, Boundary { faces, .. }) in boundaries.iter().enumerate() {
-        let side = |(face, sign): (&Option<u32>, f64)| face.map(|face| (face, k, sign));
+/// What the loss gains at each boundary where the face before it covers more of the pixel. The colours of a face are asked for together, once
+/// for each edge within each pixel: at the mean of the places where lines cross it, as pictures show one point of a face in a pixel.
+fn gains<'a>(
+    boundaries: &[Boundary],
+    face: impl Fn(u32) -> &'a Projected,
+    colours: &dyn FaceColours,
+) -> Vec<f64> {
+    let mut sides = Vec::with_capacity(2 * boundaries.len());
+    for (k, Boundary { faces, pixel, cause, .. }) in boundaries.iter().enumerate() {
+        let edge = match cause {
+            Cause::Edge { face, edge } => (*face, *edge),
+            Cause::Crossing => (u32::MAX, 0),
+        };
+        let side = |(face, sign): (&Option<u32>, f64)| face.map(|face| ((face, *pixel, edge), k, sign));
         sides.extend(faces.iter().zip([1.0, -1.0]).filter_map(side));
     }
-    sides.sort_by_key(|&(face, ..)| face);
+    sides.sort_by_key(|&(place, ..)| place);
     let mut gains = vec![0.0; boundaries.len()];
-    for run in sides.chunk_by(|a, b| a.0 == b.0) {
-        let Projected { front, number, .. } = face(run[0].0);
-        let places: Vec<[f64; 2]> = run.iter().map(|&(_, k, _)| boundaries[k].place).collect();
+    for of_face in sides.chunk_by(|a, b| a.0.0 == b.0.0) {
+        let Projected { front, number, .. } = face(of_face[0].0.0);
+        let runs: Vec<_> = of_face.chunk_by(|a, b| a.0 == b.0).collect();
         let shown = match front {
-            true => colours(*number as usize, &places),
-            false => vec![[0.0; 3]; places.len()],
+            true => {
+                let places: Vec<[f64; 2]> = runs.iter().map(|run| mean_place(boundaries, run)).collect();
+                colours.at(*number as usize, &places)
+            }
+            false => vec![[0.0; 3]; runs.len()],
         };
-        for (&(_, k, sign), [r, g, b]) in run.iter().zip(shown) {
-            let products = boundaries[k].by_pixel.iter().zip([r, g, b, 1.0]).map(|(by, value)| by * value);
-            gains[k] += sign * products.sum::<f64>();
+        for (run, [r, g, b]) in runs.into_iter().zip(shown) {
+            for &(_, k, sign) in run {
+                let products =
+                    boundaries[k].by_pixel.iter().zip([r, g, b, 1.0]).map(|(by, value)| by * value);
+                gains[k] += sign * products.sum::<f64>();
+            }
         }
     }
     gains
+}
+
+/// The mean of the places of some boundaries.
+fn mean_place<P>(boundaries: &[Boundary], run: &[(P, usize, f64)]) -> [f64; 2] {
+    let mean =
+        |axis: usize| run.iter().map(|&(_, k, _)| boundaries[k].place[axis]).sum::<f64>() / run.len() as f64;
+    [mean(0), mean(1)]
 }
 
 /// The derivatives of a loss with respect to the functions of a face.

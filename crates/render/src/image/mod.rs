@@ -26,7 +26,7 @@ mod vulkan;
 pub use coverage::{Coverage, FaceInPixel};
 pub use error::ImageError;
 pub use gradient::camera_gradient;
-pub use gradient::{CameraGradient, Colours, GeometryGradient, geometry_gradient, geometry_gradient_of};
+pub use gradient::{CameraGradient, FaceColours, GeometryGradient, geometry_gradient, geometry_gradient_of};
 pub use photo::{Label, Photo, PhotoLabels, PhotoMask};
 pub use picture::Picture;
 pub use projection::View;

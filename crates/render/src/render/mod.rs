@@ -241,8 +241,7 @@ impl Renderer {
         for (view, &SeenPixels { camera, by_pixels, .. }) in views.iter().enumerate() {
             let by_edges = match light {
                 Shown::Gathered(light) => {
-                    let shown = |face, places: &[[f64; 2]]| light.colours_at(view, face, places);
-                    let ranks = &self.ranks;
+                    let (ranks, shown) = (&self.ranks, light.shown(view));
                     geometry_gradient_of(ranks, scene, camera, supersample, &shown, by_pixels, movable)?
                 }
                 Shown::Faces(colours) => {

@@ -46,6 +46,13 @@ impl Interpolation {
         faces.iter().map(|&i| i as usize).filter(move |&i| facets[i].normal.dot(normal) >= SAME_SURFACE)
     }
 
+    /// Of both ends of the edge that two faces share, the corner of each; `None` if they share none.
+    pub fn shared_edge(&self, [a, b]: [usize; 2]) -> Option<[[usize; 2]; 2]> {
+        let corner_of_b = |i: usize| self.corners[b].iter().position(|corner| *corner == self.corners[a][i]);
+        let mut shared = (0..3).filter_map(|i| Some([i, corner_of_b(i)?]));
+        Some([shared.next()?, shared.next()?])
+    }
+
     /// The values at the corners of a face.
     pub fn corners(&self, facets: &[Facet], values: &[DVec3], face: usize) -> [DVec3; 3] {
         [0, 1, 2].map(|corner| {

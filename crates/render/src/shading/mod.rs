@@ -18,7 +18,7 @@ mod sights;
 
 pub use backward::{SeenFrom, ShadingError, TexelGradient, backward};
 
-use crate::image::{self, Coverage, ImageError, Picture};
+use crate::image::{self, Coverage, FaceColours, ImageError, Picture};
 use antirad_base::parallel;
 use antirad_base::ranks::RankError;
 use antirad_core::direct::{DirectLight, barycentric};
@@ -109,6 +109,10 @@ pub struct Light {
     budget: Arc<Budget>,
 }
 
+/// Cosine of the angle between normals of faces of one plane, and relative difference of equal albedos.
+const COPLANAR: f64 = 1.0 - 1e-12;
+const ROUNDING: f64 = 1e-9;
+
 /// Most bytes that all views of a light hold of their points.
 const MOST_HELD: u64 = 1 << 30;
 
@@ -123,6 +127,30 @@ struct View {
     sights: Kept,
     /// Rays of each point, held if all points have the same number.
     samples: reflections::Kept,
+}
+
+/// What the faces of a light show in one of its views: that by which moving silhouettes change the picture.
+pub(crate) struct ShownIn<'a> {
+    light: &'a Light,
+    view: &'a View,
+}
+
+impl FaceColours for ShownIn<'_> {
+    fn at(&self, face: usize, places: &[[f64; 2]]) -> Vec<[f64; 3]> {
+        let Self { light, view } = *self;
+        let sight = light.sight(&view.camera);
+        let of_run = |places: &[[f64; 2]]| {
+            let spots: Vec<Spot> = places.iter().map(|&middle| Spot { middle, side: 0.0 }).collect();
+            let points = sight.points(face, (0..places.len()).collect(), &spots, false);
+            light.difference(view, &points, &points.light(&light.direct, &light.facets), None)
+        };
+        let more = places.chunks(POINTS).flat_map(of_run);
+        more.map(|more| (DVec3::from(view.colours[face]) + more.mean).to_array()).collect()
+    }
+
+    fn is_seamless(&self, faces: [usize; 2]) -> bool {
+        self.light.is_seamless(faces)
+    }
 }
 
 impl Light {
@@ -369,17 +397,30 @@ impl Light {
         Ok(self.gathered(view, coverage)?.picture(coverage))
     }
 
-    /// The colours of a face at places of a picture, columns and rows in pixels: those by which moving silhouettes change it.
-    pub fn colours_at(&self, view: usize, face: usize, places: &[[f64; 2]]) -> Vec<[f64; 3]> {
-        let view = &self.views[view];
-        let sight = self.sight(&view.camera);
-        let of_run = |places: &[[f64; 2]]| {
-            let spots: Vec<Spot> = places.iter().map(|&middle| Spot { middle, side: 0.0 }).collect();
-            let points = sight.points(face, (0..places.len()).collect(), &spots, false);
-            self.difference(view, &points, &points.light(&self.direct, &self.facets), None)
+    /// What the faces show in a view.
+    pub(crate) fn shown(&self, view: usize) -> ShownIn<'_> {
+        ShownIn { light: self, view: &self.views[view] }
+    }
+
+    /// Whether two faces show the same radiance along the edge that they share: parts of one plane that continue each other.
+    fn is_seamless(&self, faces @ [a, b]: [usize; 2]) -> bool {
+        let [normal, other] = faces.map(|face| self.facets[face].normal);
+        if faces.iter().any(|&face| self.materials[face].is_glossy()) || normal.dot(other) < COPLANAR {
+            return false;
+        }
+        let Some(ends) = self.interpolation.shared_edge(faces) else { return false };
+        let around = |face: usize, corner: usize| self.interpolation.around(&self.facets, face, corner);
+        let own = |face: usize, corner: usize| {
+            let material = &self.materials[face];
+            let factors = self.patterns.at(face, DVec3::AXES[corner]);
+            let [of_albedo, of_emission] = factors.map_or([DVec3::ONE; 2], |factors| factors.value);
+            [of_albedo * DVec3::from(material.diffuse_albedo()), of_emission * DVec3::from(material.emission)]
         };
-        let more = places.chunks(POINTS).flat_map(of_run);
-        more.map(|more| (DVec3::from(view.colours[face]) + more.mean).to_array()).collect()
+        let close = |(a, b): (DVec3, DVec3)| (a - b).abs().max_element() <= ROUNDING * a.max_element();
+        self.patterns.continue_over_edge(faces, ends)
+            && ends.into_iter().all(|[i, j]| {
+                around(a, i).eq(around(b, j)) && own(a, i).into_iter().zip(own(b, j)).all(close)
+            })
     }
 
     /// What gathering adds to the radiance of a face at each point, W/(m² sr). `light`: that of lamps there; `held`: room for the rays of each.
