@@ -1,15 +1,15 @@
 //! The renderer that solves on a device.
 
 use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
-use antirad_base::Watch;
+use antirad_base::{Watch, parallel};
 use antirad_core::backend::Backend;
 use antirad_core::plan::{ClusterChoice, GradientRequest, Plan, PlanError, PlanOptions};
 use antirad_core::{Engine, EngineError, Solution, SolveParams};
-use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer};
+use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, View};
 use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
 use antirad_render::shading::{Reflections, Shading};
 use antirad_render::warnings::Warnings;
-use antirad_scene::{Painting, Scene, Transport, VisibilityChoice};
+use antirad_scene::{Camera, Painting, Scene, Transport, VisibilityChoice};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -503,6 +503,27 @@ impl Renderer for EngineRenderer {
             }
         }
         Some(squares)
+    }
+
+    fn points_in_pixels(&self) -> Option<Vec<Vec<Option<DVec3>>>> {
+        let Latest { scene, coverage, .. } = self.latest.as_ref()?;
+        let of_view = |(camera, coverage): (&Camera, &Arc<Coverage>)| {
+            let view = View::new(camera);
+            let mut nearest: Vec<(f64, Option<DVec3>)> =
+                vec![(f64::INFINITY, None); (camera.width * camera.height) as usize];
+            for FaceInPixel { face, pixel, place: [column, row], .. } in coverage.faces_in_pixels() {
+                let [a, b, c] = scene.corners(face);
+                let (ray, normal) = (view.ray(column, row), (b - a).cross(c - a));
+                let point = view.position + ray * (normal.dot(a - view.position) / normal.dot(ray));
+                let depth = view.depth(point);
+                // Of a face that is seen edge-on, the place may be off the face.
+                if depth > 0.0 && depth < nearest[pixel].0 {
+                    nearest[pixel] = (depth, Some(point));
+                }
+            }
+            nearest.into_iter().map(|(_, point)| point).collect()
+        };
+        Some(parallel::map(scene.cameras.iter().zip(coverage), of_view))
     }
 
     fn forget(&mut self) {

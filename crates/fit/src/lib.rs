@@ -12,6 +12,7 @@ mod detect;
 mod engine_renderer;
 mod exposure;
 mod first_hits;
+mod flow;
 mod job;
 mod job_file;
 mod limit;

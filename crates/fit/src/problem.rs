@@ -1,6 +1,7 @@
 //! The objective: loss and gradient as functions of the unknowns.
 
 use super::exposure::{self, Exposure, Sensor};
+use super::flow;
 use super::loss::PictureLoss;
 use super::parameters::{Parameters, Shown};
 use super::regulariser::Regularisers;
@@ -255,7 +256,7 @@ impl Problem {
     }
 
     /// The diagonal of the Gauss-Newton Hessian of the pictures, with the light that arrives at surfaces held fixed: most of it
-    /// where each unknown is the albedo or emission of few triangles, or of a camera. With `far_reaching`, that of cameras, and of lamps
+    /// where each unknown is the albedo or emission of few triangles, or of a camera. With `far_reaching`, that of lamps,
     /// if these are few, takes a picture per view for each; the rest takes no solve beside that at the point itself.
     /// `None` if the loss is not quadratic, something else is unknown, or the renderer does not know.
     ///
@@ -303,14 +304,14 @@ impl Problem {
         views.map(weighted).collect()
     }
 
-    /// Pictures per view that [`Self::gauss_newton`] takes, beside that at the point itself: six for the poses of all cameras together.
+    /// Pictures per view that [`Self::gauss_newton`] takes, beside that at the point itself: none for poses of cameras.
     pub fn gauss_newton_pictures(&self) -> usize {
-        self.parameters.columns().len()
+        self.parameters.columns().iter().filter(|column| !column.iter().all(Shown::is_of_views)).count()
     }
 
     /// The Gauss-Newton Hessian JᵀWJ, row by row, with W the loss's second derivatives by pixels, plus that of the
     /// regularisers. The columns of J come from forward differences, each of one picture per view; it is meant as a model
-    /// of the curvature, not as an exact derivative. `None` if the loss is not quadratic, or a step of the differences has no
+    /// of the curvature, not as an exact derivative. Those of cameras come from optical flow, and take none. `None` if the loss is not quadratic, or a step of the differences has no
     /// picture.
     ///
     /// # Errors
@@ -378,9 +379,12 @@ impl Problem {
         let steps = self.steps_into_room(x);
         let mut moved = x.to_vec();
         column.iter().for_each(|shown| moved[shown.unknown] += steps[shown.unknown]);
-        let there = match renderer.pictures_near(&self.parameters.scene(&moved)) {
-            Err(RenderError::NoAnswer(_)) => return Ok(None),
-            pictures => pictures?,
+        let there = match self.turned(column, [x, &moved], renderer)? {
+            Some(pictures) => pictures,
+            None => match renderer.pictures_near(&self.parameters.scene(&moved)) {
+                Err(RenderError::NoAnswer(_)) => return Ok(None),
+                pictures => pictures?,
+            },
         };
         // Gains and responses are found again, whose part in the derivatives is thereby projected out.
         let there = exposed(&there, &self.sensors(&there)).into_owned();
@@ -395,6 +399,27 @@ impl Problem {
             (shown.unknown, (0..here.len()).map(of_view).collect())
         };
         Ok(Some(column.iter().map(slopes).collect()))
+    }
+}
+
+impl Problem {
+    /// The pictures at the end of a step from the latest ones where the unknowns of the column are of cameras alone, by optical flow;
+    /// `None` for others, and if the renderer does not know what pixels show.
+    fn turned(
+        &self,
+        column: &[Shown],
+        [x, moved]: [&[f64]; 2],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Option<Vec<Vec<DVec3>>>, RenderError> {
+        if !column.iter().all(Shown::is_of_views) {
+            return Ok(None);
+        }
+        let [from, to] = [x, moved].map(|x| self.parameters.scene(x));
+        let pictures = renderer.pictures(&from)?;
+        let Some(points) = renderer.points_in_pixels() else { return Ok(None) };
+        let of_view =
+            |view: usize| flow::moved(&pictures[view], &points[view], &from.cameras[view], &to.cameras[view]);
+        Ok(Some(parallel::map(0..pictures.len(), of_view)))
     }
 }
 

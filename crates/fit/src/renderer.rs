@@ -106,6 +106,11 @@ pub trait Renderer {
         None
     }
 
+    /// Per view and pixel of the latest [`Self::pictures`], the nearest point that it shows, if it shows any; `None` if this renderer does not know.
+    fn points_in_pixels(&self) -> Option<Vec<Vec<Option<DVec3>>>> {
+        None
+    }
+
     /// Drops what earlier pictures left behind but for what was chosen ([`Self::choose`]), so that the next do not depend on them, not even
     /// within rounding.
     fn forget(&mut self) {}

@@ -71,7 +71,7 @@ pub struct Settings {
     /// Options of the quasi-Newton method.
     pub quasi_newton: QuasiNewtonOptions,
     /// Pictures per view that a Gauss-Newton Hessian for the quasi-Newton method may take: one for each colour, number or
-    /// coordinate fitted, and six for the poses of all cameras. With more, its model starts from the diagonal, where albedos and emissions alone are fitted; with 0
+    /// coordinate fitted, and none for poses of cameras. With more, its model starts from the diagonal, where albedos and emissions alone are fitted; with 0
     /// it is learnt from gradients alone.
     pub gauss_newton: usize,
     /// Relative noise of the loss; `None`: a tenth of the tolerance of solves, or 1e-4 where positions or cameras are fitted.

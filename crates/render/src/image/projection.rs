@@ -6,7 +6,7 @@
 //! sign of det = a·(b × c) on the triangle's side; divided by det it is the barycentric weight of corner a at the hit, over the
 //! depth there. All this holds for corners behind the camera too; nothing is clipped.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use antirad_scene::Camera;
 
@@ -61,6 +61,17 @@ impl View {
         let x = (2.0 * column / self.width - 1.0) * self.tan_half_x;
         let y = (1.0 - 2.0 * row / self.height) * self.tan_half_y;
         (x * self.right + y * self.up + self.forward).normalize()
+    }
+
+    /// How far in front of the camera a point is along the line of sight, m.
+    pub fn depth(&self, point: DVec3) -> f64 {
+        (point - self.position).dot(self.forward)
+    }
+
+    /// Where a point in front of the camera is in the picture, in pixels from the left and from the top edge.
+    pub fn place(&self, point: DVec3) -> DVec2 {
+        let DVec3 { x, y, z } = self.to_frame(point);
+        0.5 * DVec2::new((1.0 + x / z) * self.width, (1.0 - y / z) * self.height)
     }
 
     fn to_frame(&self, point: DVec3) -> DVec3 {
