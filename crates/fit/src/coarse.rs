@@ -15,6 +15,8 @@ use std::sync::Arc;
 /// Pictures of a Gauss-Newton Hessian, and when a stage ends.
 const PICTURES: usize = 40;
 const ITERATIONS: u32 = 12;
+/// The same where poses are unknown: what a candidate for a lamp explains is told from edges that are off only once these have been found.
+const ITERATIONS_WITH_POSES: u32 = 40;
 const DECREASE: f64 = 1e-2;
 /// Share of the loss that a candidate for a lamp must explain.
 const DARK: f64 = 1e-2;
@@ -42,19 +44,10 @@ impl Job {
     ) -> Result<(Vec<f64>, Option<CoarseHessian>), FitError> {
         tracing::info!("first with one albedo for each texture");
         let (coarse, of) = self.problem.coarse(x, &self.settings.regularisers)?;
-        let fine = std::mem::replace(&mut self.problem, coarse);
-        let settings = self.settings.clone().gauss_newton(self.settings.gauss_newton.max(PICTURES));
-        let settings = std::mem::replace(&mut self.settings, settings);
-        let found = self.coarse(renderer, watch);
-        (self.problem, self.settings) = (fine, settings);
-        let (optimiser, dark) = found?;
+        let (optimiser, dark) = self.with(coarse, |job| job.coarse(renderer, watch))?;
         dark.into_iter().for_each(|block| self.problem.parameters.hold_at_zero(block));
         let x = of.iter().map(|&z| optimiser.best()[z as usize]).collect();
-        let hessian = match optimiser {
-            Optimiser::QuasiNewton(optimiser) => optimiser.hessian(),
-            Optimiser::Adam(_) | Optimiser::LeastSquares(_) => None,
-        };
-        Ok((x, hessian.map(|hessian| CoarseHessian { of, hessian })))
+        Ok((x, optimiser.hessian().map(|hessian| CoarseHessian { of, hessian })))
     }
 
     /// Where a fit of poses starts: those found in smaller pictures, from small to large (Bergen, Anandan, Hanna and Hingorani 1992). An edge
@@ -64,8 +57,11 @@ impl Job {
         x: &[f64],
         renderer: &mut dyn Renderer,
         watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
-    ) -> Result<Vec<f64>, FitError> {
-        let mut x = x.to_vec();
+    ) -> Result<(Vec<f64>, Option<CoarseHessian>), FitError> {
+        let parameters = &self.problem.parameters;
+        let only_poses =
+            parameters.poses().iter().map(|pose| pose.unknowns.len()).sum::<usize>() == parameters.len();
+        let (mut x, mut known) = (x.to_vec(), None);
         for level in LEVELS {
             let smaller = halved(&self.problem.targets, level);
             let is_any = smaller.iter().zip(&self.problem.targets).any(|(a, b)| {
@@ -77,13 +73,53 @@ impl Job {
             }
             tracing::info!("first in pictures of a {level}th of the width");
             let (coarse, of) = self.problem.with_smaller(smaller, &x, &self.settings.regularisers)?;
-            let fine = std::mem::replace(&mut self.problem, coarse);
-            let found = self.few_steps(self.new_optimiser(), ITERATIONS_OF_LEVEL, renderer, watch);
-            self.problem = fine;
-            let best = found?.optimiser.best().to_vec();
+            let (best, hessian) = self.with(coarse, |job| {
+                let mut best = job.problem.parameters.start().to_vec();
+                let mut hessian = None;
+                if !only_poses {
+                    let found = job.few_steps(job.new_optimiser(), ITERATIONS_OF_LEVEL, renderer, watch)?;
+                    best = found.optimiser.best().to_vec();
+                    hessian = found.optimiser.hessian();
+                }
+                Ok((job.with_poses(&best, renderer, watch)?, hessian))
+            })?;
             x = of.iter().map(|&z| best[z as usize]).collect();
+            known = hessian.map(|hessian| CoarseHessian { of, hessian });
         }
-        Ok(x)
+        if only_poses {
+            x = self.with_poses(&x, renderer, watch)?;
+        }
+        Ok((x, known))
+    }
+
+    /// The unknowns with each pose nearer to where its pictures say that it is.
+    fn with_poses(
+        &self,
+        x: &[f64],
+        renderer: &mut dyn Renderer,
+        watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
+    ) -> Result<Vec<f64>, FitError> {
+        let progress = FitProgress::new(self.new_optimiser());
+        let found = self.problem.with_poses(x, renderer, &mut |iteration, loss, step| {
+            let record =
+                Record { iteration, loss, gradient: 0.0, step, evaluations: 1, passes: 0, first_stage: true };
+            watch(&record, &progress)
+        });
+        found.map_err(before_the_first)
+    }
+
+    /// What is found with another objective, of fewer unknowns or pixels, for which a Gauss-Newton Hessian may take more pictures.
+    fn with<T>(
+        &mut self,
+        problem: Problem,
+        find: impl FnOnce(&Self) -> Result<T, FitError>,
+    ) -> Result<T, FitError> {
+        let settings = self.settings.clone().gauss_newton(self.settings.gauss_newton.max(PICTURES));
+        let problem = std::mem::replace(&mut self.problem, problem);
+        let settings = std::mem::replace(&mut self.settings, settings);
+        let found = find(self);
+        (self.problem, self.settings) = (problem, settings);
+        found
     }
 
     /// The optimiser after a few steps, and the blocks of candidates for lamps that are dark: without which the pictures are explained as well.
@@ -92,7 +128,9 @@ impl Job {
         renderer: &mut dyn Renderer,
         watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
     ) -> Result<(Optimiser, Vec<usize>), FitError> {
-        let mut best = self.few_steps(self.new_optimiser(), ITERATIONS, renderer, watch)?;
+        let poses = self.problem.parameters.gradient_request().camera;
+        let iterations = if poses { ITERATIONS_WITH_POSES } else { ITERATIONS };
+        let mut best = self.few_steps(self.new_optimiser(), iterations, renderer, watch)?;
         if let Optimiser::QuasiNewton(optimiser) = &mut best.optimiser {
             // That of earlier steps is no longer that of this point.
             let hessian = self.problem.gauss_newton(optimiser.x(), renderer).map_err(before_the_first)?;
@@ -112,7 +150,7 @@ impl Job {
             };
             let trials = candidates.iter().enumerate().filter_map(without);
             let Some((at, _, trial)) = trials.min_by(|(_, a, _), (_, b, _)| a.total_cmp(b)) else { break };
-            let trial = self.few_steps(Optimiser::QuasiNewton(trial), ITERATIONS, renderer, watch)?;
+            let trial = self.few_steps(Optimiser::QuasiNewton(trial), iterations, renderer, watch)?;
             let (block, name, _) = candidates.remove(at);
             if trial.loss() <= (1.0 + DARK) * loss {
                 tracing::info!("{name} does not shine: pictures are explained as well without its light");

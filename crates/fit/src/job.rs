@@ -503,12 +503,14 @@ impl Job {
             progress = FitProgress::new(self.optimiser_from(x));
         }
         let mut coarse = None;
+        if resumed_from.is_none() && self.problem.parameters.gradient_request().camera {
+            let x;
+            (x, coarse) = self.coarse_poses(progress.optimiser.best(), renderer, watch)?;
+            progress = FitProgress::new(self.optimiser_from(x));
+        }
         if resumed_from.is_none() && self.problem.parameters.has_textures() {
             let x;
             (x, coarse) = self.coarse_start(progress.optimiser.best(), renderer, watch)?;
-            progress = FitProgress::new(self.optimiser_from(x));
-        } else if resumed_from.is_none() && self.problem.parameters.gradient_request().camera {
-            let x = self.coarse_poses(progress.optimiser.best(), renderer, watch)?;
             progress = FitProgress::new(self.optimiser_from(x));
         }
         let mut clock = Instant::now();

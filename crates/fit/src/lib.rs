@@ -24,6 +24,7 @@ mod noise;
 pub mod optimiser;
 mod parameters;
 mod photographs;
+mod poses;
 mod problem;
 mod regulariser;
 mod renderer;

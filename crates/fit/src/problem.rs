@@ -3,15 +3,18 @@
 use super::exposure::{self, Exposure, Sensor};
 use super::flow;
 use super::loss::PictureLoss;
-use super::parameters::{Parameters, Shown};
+use super::parameters::{Parameters, Pose, Shown};
 use super::regulariser::Regularisers;
 use super::renderer::{RenderError, Renderer};
 use super::target::Target;
 use antirad_base::parallel;
+use antirad_core::plan::GradientRequest;
 use antirad_render::render::{Quantity, SceneGradient};
 use antirad_scene::Scene;
 use glam::DVec3;
+use nalgebra::DMatrix;
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// The objective: the weighted mean of the losses of all views, plus the regularisers.
@@ -70,20 +73,24 @@ const COLUMN_STEP: f64 = 1e-2;
 
 impl Problem {
     /// The weight of each view's loss; they sum to 1.
-    fn weights(&self) -> Vec<f64> {
+    pub(super) fn weights(&self) -> Vec<f64> {
         let sum: f64 = self.targets.iter().map(|t| t.weight).sum();
         self.targets.iter().map(|t| t.weight / sum).collect()
     }
 
     /// Gains and responses of each view, see [`exposure`]; the usual ones where the loss is not smooth, which
     /// [`Job::new`](super::Job::new) refuses.
-    fn sensors(&self, pictures: &[Vec<DVec3>]) -> Vec<Sensor> {
+    pub(super) fn sensors(&self, pictures: &[Vec<DVec3>]) -> Vec<Sensor> {
         let sensors = exposure::sensors(&self.targets, pictures, &*self.loss);
         sensors.unwrap_or_else(|| self.targets.iter().map(Sensor::usual).collect())
     }
 
     /// Loss of the pictures per view and in total, and derivatives by pixels, with the sensor of each view.
-    fn compare(&self, pictures: &[Vec<DVec3>], sensors: &[Sensor]) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
+    pub(super) fn compare(
+        &self,
+        pictures: &[Vec<DVec3>],
+        sensors: &[Sensor],
+    ) -> (Vec<f64>, f64, Vec<Vec<DVec3>>) {
         let mut views = Vec::with_capacity(pictures.len());
         let mut by_pixels = Vec::with_capacity(pictures.len());
         let mut sum = 0.0;
@@ -403,6 +410,42 @@ impl Problem {
 }
 
 impl Problem {
+    /// The derivative by the unknowns of poses of a loss of the latest pictures, and zero by others; `None` if the renderer does not know.
+    pub(super) fn by_poses(
+        &self,
+        x: &[f64],
+        by_pixels: &[Vec<DVec3>],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Option<Vec<f64>>, RenderError> {
+        let by_scene = renderer.pull_back(by_pixels, GradientRequest::NOTHING.camera(true))?;
+        Ok(by_scene.map(|by_scene| self.parameters.pull_back(x, &by_scene)))
+    }
+
+    /// The Gauss-Newton Hessian by the unknowns of each pose, see [`Self::gauss_newton`], by the first of these; `None` if the loss is not smooth.
+    pub(super) fn curvatures_by_poses(
+        &self,
+        x: &[f64],
+        pictures: &[Vec<DVec3>],
+        sensors: &[Sensor],
+        renderer: &mut dyn Renderer,
+    ) -> Result<Option<HashMap<usize, DMatrix<f64>>>, RenderError> {
+        let here = exposed(pictures, sensors).into_owned();
+        let Some(weights) = self.curvatures(&here) else { return Ok(None) };
+        let mut columns = HashMap::new();
+        for column in self.parameters.columns().iter().filter(|column| column.iter().all(Shown::is_of_views))
+        {
+            let Some(slopes) = self.slopes(x, column, &here, renderer)? else { return Ok(None) };
+            columns.extend(slopes);
+        }
+        let of_pose = |pose: Pose| {
+            let first = pose.unknowns.start;
+            let columns: Vec<&Slopes> = pose.unknowns.filter_map(|unknown| columns.get(&unknown)).collect();
+            let product = |i: usize, j: usize| weighted_product(columns[i], columns[j], &weights);
+            (first, DMatrix::from_fn(columns.len(), columns.len(), product))
+        };
+        Ok(Some(parallel::map(self.parameters.poses(), of_pose).into_iter().collect()))
+    }
+
     /// The pictures at the end of a step from the latest ones where the unknowns of the column are of cameras alone, by optical flow;
     /// `None` for others, and if the renderer does not know what pixels show.
     fn turned(

@@ -187,7 +187,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
@@ -215,6 +215,14 @@ impl Optimiser {
         };
         let point = Point::start(x, objective)?;
         Ok(known.insert(point).as_start(bounds))
+    }
+
+    /// The Hessian of the model, row by row; `None` where nothing is known.
+    pub fn hessian(&self) -> Option<Vec<f64>> {
+        match self {
+            Self::QuasiNewton(optimiser) => optimiser.hessian(),
+            Self::Adam(_) | Self::LeastSquares(_) => None,
+        }
     }
 
     /// One step. Only [`LeastSquares`] uses `curvature`, only [`QuasiNewton`] `hessian`.

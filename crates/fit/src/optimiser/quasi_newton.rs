@@ -67,13 +67,8 @@ impl QuasiNewton {
 
     /// By how much the minimum of the model is below the current value; infinite where nothing is known of the curvature.
     pub fn promise(&self) -> f64 {
-        let known = self.point.as_ref().filter(|_| !self.stale).zip(self.memory.compact());
-        let Some((here, hessian)) = known else { return f64::INFINITY };
-        // Half the slope towards the minimum.
-        let goal = model_minimum(here, &self.bounds, &hessian);
-        let slope: f64 =
-            goal.iter().zip(&here.x).zip(&here.gradient).map(|((goal, x), g)| g * (goal - x)).sum();
-        -0.5 * slope
+        let known = self.point.as_ref().filter(|_| !self.stale);
+        known.map_or(f64::INFINITY, |here| promise(here, &self.bounds, &self.memory))
     }
 
     /// Starts the model anew from the Hessian (row by row) at the current point, unless that is not finite, or zero.
@@ -148,6 +143,7 @@ impl QuasiNewton {
             true => hessian(&here.x).map_err(StepError::Objective)?,
             false => None,
         };
+        let is_whole = matches!(given, Some(KnownHessian::Whole(..)));
         self.by_diagonal |= matches!(given, Some(KnownHessian::Diagonal(..)));
         let seeded = match given {
             Some(KnownHessian::Whole(hessian)) => Memory::of_hessian(&hessian, &here.gradient, LONGEST),
@@ -159,6 +155,13 @@ impl QuasiNewton {
         };
         if let Some(seeded) = seeded {
             memory = seeded;
+        }
+        if is_whole && promise(&here, &self.bounds, &memory) < self.options.noise * here.value.abs() {
+            // A lower value could not be told from noise.
+            let gradient = self.bounds.projected_gradient(&here.x, &here.gradient);
+            let step = Step { value: here.value, gradient, length: 0.0, evaluations, progress: false };
+            (self.point, self.memory, self.stale) = (Some(here), memory, false);
+            return Ok(step);
         }
         // If the model's direction fails, the memory is cleared once and the gradient alone is tried.
         loop {
@@ -224,6 +227,15 @@ impl QuasiNewton {
         Line { from: here, direction: &direction, bounds: &self.bounds, longest, noise: self.options.noise }
             .search(1.0, objective)
     }
+}
+
+/// By how much the minimum of a model is below the value at a point; infinite where nothing is known of the curvature.
+fn promise(here: &Point, bounds: &Bounds, memory: &Memory) -> f64 {
+    let Some(hessian) = memory.compact() else { return f64::INFINITY };
+    // Half the slope towards the minimum.
+    let goal = model_minimum(here, bounds, &hessian);
+    let slope: f64 = goal.iter().zip(&here.x).zip(&here.gradient).map(|((goal, x), g)| g * (goal - x)).sum();
+    -0.5 * slope
 }
 
 #[cfg(test)]

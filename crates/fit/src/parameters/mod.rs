@@ -76,6 +76,14 @@ pub(super) struct Shown {
     pub views: Option<Vec<usize>>,
 }
 
+/// The pose of a camera, or of several that move together.
+#[derive(Clone, Debug)]
+pub(super) struct Pose {
+    pub unknowns: Range<usize>,
+    /// The views that it changes.
+    pub views: Vec<usize>,
+}
+
 impl Shown {
     /// Whether it is of some views alone, as the pose of a camera is.
     pub fn is_of_views(&self) -> bool {
@@ -478,6 +486,15 @@ impl Parameters {
         }
         of_cameras.extend(columns);
         of_cameras
+    }
+
+    /// The poses of cameras that are unknown.
+    pub(super) fn poses(&self) -> Vec<Pose> {
+        let of_block = |block: &ParameterBlock| match &block.what {
+            What::Camera { views, .. } => Some(Pose { unknowns: block.range(), views: views.clone() }),
+            _ => None,
+        };
+        self.blocks.iter().filter_map(of_block).collect()
     }
 
     /// Columns of unknowns that change more than the triangles they belong to: cameras, and the emission of groups of triangles if there are
