@@ -180,6 +180,15 @@ fn a_set_of_cameras_is_found_by_a_similarity() {
         assert!(way <= 3e-3 && angle <= 0.05, "{}: {way} m, {angle} degrees", camera.name);
     }
     crate::scenes::near(&outcome, "camera scale", "photos", &[1.0 / 1.01], 1e-3);
+    // The matrix brings the given cameras to where they are found.
+    let transform = outcome.recovered.iter().find(|found| found.quantity == "camera transform");
+    let rows: Vec<f64> = transform.expect("a matrix").value.clone();
+    let placed =
+        |at: DVec3| DVec3::from([0, 4, 8].map(|row| at.dot(DVec3::from_slice(&rows[row..])) + rows[row + 3]));
+    for target in &job.problem().targets {
+        let found = outcome.scene.camera(&target.camera.name).expect("a camera").position;
+        assert!((placed(target.camera.position) - found).length() < 1e-9, "{}", target.camera.name);
+    }
     crate::scenes::near(&outcome, "albedo", "box", &[0.6, 0.3, 0.2], 1e-2);
     drop(renderer);
     finish(&backend);

@@ -100,11 +100,7 @@ impl Job {
         watch: &mut dyn FnMut(&Record, &FitProgress) -> ControlFlow<()>,
     ) -> Result<Vec<f64>, FitError> {
         let progress = FitProgress::new(self.new_optimiser());
-        let found = self.problem.with_poses(x, renderer, &mut |iteration, loss, step| {
-            let record =
-                Record { iteration, loss, gradient: 0.0, step, evaluations: 1, passes: 0, first_stage: true };
-            watch(&record, &progress)
-        });
+        let found = self.problem.with_poses(x, renderer, &mut |record| watch(&record, &progress));
         found.map_err(before_the_first)
     }
 

@@ -116,6 +116,13 @@ impl Motion {
             .map(move |x| if rests { x } else { self.centre + linear * (x - self.centre) + self.translation })
     }
 
+    /// Its matrix, which acts on columns: three rows.
+    pub fn rows(&self) -> [[f64; 4]; 3] {
+        let linear = self.log_factor.exp() * self.matrix();
+        let rest = self.centre - linear * self.centre + self.translation;
+        [0, 1, 2].map(|i| [linear.col(0)[i], linear.col(1)[i], linear.col(2)[i], rest[i]])
+    }
+
     /// Where a point goes.
     pub fn place(&self, point: DVec3) -> DVec3 {
         self.apply(std::iter::once(point)).next().unwrap_or(point)
@@ -200,6 +207,19 @@ mod tests {
             }
             assert!((numeric(&|m, step| m.log_factor += step) - gradient.log_factor).abs() < 1e-8);
         }
+    }
+
+    #[test]
+    fn rows_place_points_as_the_motion_does() {
+        let motion = Motion {
+            centre: DVec3::new(0.2, 0.1, 0.9),
+            translation: DVec3::new(0.4, 0.0, 2.0),
+            rotation: DVec3::new(0.3, -0.8, 1.1),
+            log_factor: -0.3,
+        };
+        let point = DVec3::new(-1.0, 2.0, 0.5);
+        let by_rows = motion.rows().map(|[a, b, c, d]| DVec3::new(a, b, c).dot(point) + d);
+        assert!((DVec3::from(by_rows) - motion.place(point)).length() < 1e-12);
     }
 
     #[test]

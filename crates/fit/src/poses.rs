@@ -1,5 +1,6 @@
 //! Poses of cameras, each by itself: with light and surfaces held fixed, a picture depends on the pose of its own camera alone.
 
+use super::job::Record;
 use super::optimiser::largest_difference;
 use super::parameters::Pose;
 use super::problem::Problem;
@@ -101,8 +102,8 @@ fn updated(curvature: &DMatrix<f64>, step: &DVector<f64>, change: &DVector<f64>)
 
 impl Problem {
     /// Unknowns with the pose of each camera nearer to the minimum of the loss of its pictures, found for all side by side. Other unknowns stay,
-    /// and regularisers do not count. `watch` gets the number of the evaluation, the loss of the best so far, and the largest change that is
-    /// tried next.
+    /// and regularisers do not count. `watch` gets each evaluation: loss and gradient of the best so far, and the largest change that is tried
+    /// next.
     ///
     /// # Errors
     /// Fails if pictures or their derivatives cannot be rendered, or if `watch` interrupts.
@@ -110,12 +111,13 @@ impl Problem {
         &self,
         x: &[f64],
         renderer: &mut dyn Renderer,
-        watch: &mut dyn FnMut(u32, f64, f64) -> ControlFlow<()>,
+        watch: &mut dyn FnMut(Record) -> ControlFlow<()>,
     ) -> Result<Vec<f64>, RenderError> {
         let half_pixels = self.parameters.steps(1.0);
         let mut searches: Vec<Search> = self.parameters.poses().into_iter().map(Search::new).collect();
         let (mut best, mut trial) = (x.to_vec(), x.to_vec());
         for evaluation in 0..EVALUATIONS {
+            let passes = renderer.passes();
             let pictures = renderer.pictures(&self.parameters.scene(&trial))?;
             let sensors = self.sensors(&pictures);
             let (views, _, mut by_pixels) = self.compare(&pictures, &sensors);
@@ -152,8 +154,17 @@ impl Problem {
                 }
             }
             self.parameters.bounds().project(&mut trial);
-            let loss = searches.iter().map(Search::value).sum();
-            if watch(evaluation, loss, largest_difference(&trial, &best)).is_break() {
+            let steepness = |search: &Search| search.best.as_ref().map(|best| best.gradient.amax());
+            let record = Record {
+                iteration: evaluation,
+                loss: searches.iter().map(Search::value).sum(),
+                gradient: searches.iter().filter_map(steepness).fold(0.0, f64::max),
+                step: largest_difference(&trial, &best),
+                evaluations: 1,
+                passes: renderer.passes() - passes,
+                first_stage: true,
+            };
+            if watch(record).is_break() {
                 return Err(RenderError::Interrupted);
             }
             if searches.iter().all(|search| search.is_over) {

@@ -73,6 +73,10 @@ impl Parameters {
                         let value = |m: &Motion| vec![m.log_factor.exp()];
                         push(scale, "1", value(&now), value(&before), &at_bound[first..=first]);
                     }
+                    if matches!(block.what, What::Camera { .. }) && self.fits[block.fit].together {
+                        let value = |m: &Motion| m.rows().concat();
+                        push("camera transform", "1, m", value(&now), value(&before), &[false; 12]);
+                    }
                 }
                 What::Texture { painting, .. } => {
                     let mean = |x: &[f64]| {
