@@ -362,6 +362,7 @@ fn cameras_move_together() {
         ("camera displacement", "cameras", 3),
         ("camera rotation vector", "cameras", 3),
         ("camera scale", "cameras", 1),
+        ("camera transform", "cameras", 12),
     ];
     assert_eq!(found, expected);
     let factor = recovered[2].value[0];

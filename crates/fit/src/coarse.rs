@@ -64,13 +64,10 @@ impl Job {
         let (mut x, mut known) = (x.to_vec(), None);
         for level in LEVELS {
             let smaller = halved(&self.problem.targets, level);
-            let is_any = smaller.iter().zip(&self.problem.targets).any(|(a, b)| {
-                let widths = [a, b].map(|target| target.camera.width);
-                widths[0] * level == widths[1]
-            });
-            if !is_any || self.problem.loss.of_targets(&smaller).is_none() {
+            let Some(smaller) = smaller.filter(|smaller| self.problem.loss.of_targets(smaller).is_some())
+            else {
                 continue;
-            }
+            };
             tracing::info!("first in pictures of a {level}th of the width");
             let (coarse, of) = self.problem.with_smaller(smaller, &x, &self.settings.regularisers)?;
             let (best, hessian) = self.with(coarse, |job| {
@@ -217,13 +214,13 @@ fn averaged_down(targets: &[Target]) -> Vec<Target> {
     parallel::map(targets, smaller)
 }
 
-/// Targets that are averaged down by the largest suitable power of two up to `most`.
-fn halved(targets: &[Target], most: u32) -> Vec<Target> {
-    let levels = || LEVELS.into_iter().filter(|level| *level <= most);
-    let smaller = |target: &Target| {
-        target.averaged(levels().find(|&factor| suits(target, factor, SIDE_OF_LEVEL)).unwrap_or(1))
-    };
-    parallel::map(targets, smaller)
+/// Targets that are averaged down by a factor, or where that does not suit by the next smaller of [`LEVELS`] that does; `None` if it suits none.
+fn halved(targets: &[Target], factor: u32) -> Option<Vec<Target>> {
+    let levels = || LEVELS.into_iter().filter(|level| *level <= factor);
+    let suitable = |target: &Target| levels().find(|&level| suits(target, level, SIDE_OF_LEVEL)).unwrap_or(1);
+    let factors: Vec<u32> = targets.iter().map(suitable).collect();
+    let smaller = |(target, &factor): (&Target, &u32)| target.averaged(factor);
+    factors.contains(&factor).then(|| parallel::map(targets.iter().zip(&factors), smaller))
 }
 
 /// Whether a target may be averaged down by a factor to sides of `least` pixels or more.

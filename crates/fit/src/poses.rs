@@ -7,7 +7,7 @@ use super::problem::Problem;
 use super::renderer::{RenderError, Renderer};
 use glam::DVec3;
 use nalgebra::{DMatrix, DVector};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::ops::ControlFlow;
 
 /// Most evaluations.
@@ -101,9 +101,8 @@ fn updated(curvature: &DMatrix<f64>, step: &DVector<f64>, change: &DVector<f64>)
 }
 
 impl Problem {
-    /// Unknowns with the pose of each camera nearer to the minimum of the loss of its pictures, found for all side by side. Other unknowns stay,
-    /// and regularisers do not count. `watch` gets each evaluation: loss and gradient of the best so far, and the largest change that is tried
-    /// next.
+    /// Unknowns with the pose of each camera nearer to the minimum of the loss of its pictures, found for all side by side. Other unknowns stay.
+    /// `watch` gets each evaluation: loss and gradient of the best so far, and the largest change that is tried next.
     ///
     /// # Errors
     /// Fails if pictures or their derivatives cannot be rendered, or if `watch` interrupts.
@@ -118,34 +117,12 @@ impl Problem {
         let (mut best, mut trial) = (x.to_vec(), x.to_vec());
         for evaluation in 0..EVALUATIONS {
             let passes = renderer.passes();
-            let pictures = renderer.pictures(&self.parameters.scene(&trial))?;
-            let sensors = self.sensors(&pictures);
-            let (views, _, mut by_pixels) = self.compare(&pictures, &sensors);
-            let weights = self.weights();
-            let loss = |pose: &Pose| pose.views.iter().map(|&view| weights[view] * views[view]).sum::<f64>();
-            let is_better = |search: &&mut Search| !search.is_over && loss(&search.pose) < search.value();
-            let (better, others): (Vec<_>, Vec<_>) = searches.iter_mut().partition(is_better);
-            // Of others, derivatives are not asked for.
-            let wanted: Vec<usize> = better.iter().flat_map(|search| search.pose.views.clone()).collect();
-            let unwanted = by_pixels.iter_mut().enumerate().filter(|(view, _)| !wanted.contains(view));
-            unwanted.for_each(|(_, by_pixels)| by_pixels.fill(DVec3::ZERO));
-            let Some(gradient) = self.by_poses(&trial, &by_pixels, renderer)? else { return Ok(best) };
-            let far = better.iter().filter(|search| search.is_far_from(loss(&search.pose)));
-            let far: HashSet<usize> = far.map(|search| search.pose.unknowns.start).collect();
-            let curvatures = match far.is_empty() {
-                false => self.curvatures_by_poses(&trial, &pictures, &sensors, renderer)?,
-                true => None,
-            };
-            let mut curvatures = curvatures.unwrap_or_default();
-            for search in better {
-                let unknowns = search.pose.unknowns.clone();
-                best[unknowns.clone()].copy_from_slice(&trial[unknowns.clone()]);
-                let [x, gradient] =
-                    [&trial, &gradient].map(|of| DVector::from_column_slice(&of[unknowns.clone()]));
-                let curvature = curvatures.remove(&unknowns.start).filter(|_| far.contains(&unknowns.start));
-                search.take(x, loss(&search.pose), gradient, curvature);
+            self.look(&trial, &mut searches, renderer)?;
+            for Search { pose, best: found, .. } in &searches {
+                found
+                    .iter()
+                    .for_each(|found| best[pose.unknowns.clone()].copy_from_slice(found.x.as_slice()));
             }
-            others.into_iter().for_each(|search| search.damping *= MORE);
             trial.clone_from(&best);
             for search in searches.iter_mut().filter(|search| !search.is_over) {
                 let unknowns = search.pose.unknowns.clone();
@@ -172,6 +149,46 @@ impl Problem {
             }
         }
         Ok(best)
+    }
+
+    /// Tries a pose for each search that is not over.
+    fn look(
+        &self,
+        trial: &[f64],
+        searches: &mut [Search],
+        renderer: &mut dyn Renderer,
+    ) -> Result<(), RenderError> {
+        let pictures = renderer.pictures(&self.parameters.scene(trial))?;
+        let sensors = self.sensors(&pictures);
+        let (views, _, mut by_pixels) = self.compare(&pictures, &sensors);
+        let weights = self.weights();
+        let own = |of: &[f64], pose: &Pose| DVector::from_column_slice(&of[pose.unknowns.clone()]);
+        let value = |pose: &Pose| {
+            let of_pictures: f64 = pose.views.iter().map(|&view| weights[view] * views[view]).sum();
+            of_pictures + self.regularised_pose(pose, &own(trial, pose)).0
+        };
+        let on = searches.iter_mut().filter(|search| !search.is_over);
+        let (better, others): (Vec<_>, Vec<_>) = on.partition(|search| value(&search.pose) < search.value());
+        others.into_iter().for_each(|search| search.damping *= MORE);
+
+        // Of others, derivatives are not asked for.
+        let wanted: HashSet<usize> = better.iter().flat_map(|search| search.pose.views.clone()).collect();
+        let unwanted = by_pixels.iter_mut().enumerate().filter(|(view, _)| !wanted.contains(view));
+        unwanted.for_each(|(_, by_pixels)| by_pixels.fill(DVec3::ZERO));
+        let Some(gradient) = self.by_poses(trial, &by_pixels, renderer)? else { return Ok(()) };
+        let mut curvatures = HashMap::new();
+        if better.iter().any(|search| search.is_far_from(value(&search.pose))) {
+            let found = self.curvatures_by_poses(trial, &pictures, &sensors, renderer)?;
+            curvatures = found.unwrap_or_default();
+        }
+        for search in better {
+            let (x, value) = (own(trial, &search.pose), value(&search.pose));
+            let gradient = own(&gradient, &search.pose) + self.regularised_pose(&search.pose, &x).1;
+            let curvature = curvatures.remove(&search.pose.unknowns.start);
+            let curvature = curvature.filter(|_| search.is_far_from(value));
+            search.take(x, value, gradient, curvature);
+        }
+        Ok(())
     }
 }
 

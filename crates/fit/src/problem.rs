@@ -12,7 +12,7 @@ use antirad_core::plan::GradientRequest;
 use antirad_render::render::{Quantity, SceneGradient};
 use antirad_scene::Scene;
 use glam::DVec3;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -255,11 +255,27 @@ impl Problem {
     }
 
     fn gradient_of_regularisers(&self, scene: &Scene, x: &[f64]) -> Vec<f64> {
+        self.regularised(scene, x).1
+    }
+
+    /// Value and gradient of the regularisers.
+    fn regularised(&self, scene: &Scene, x: &[f64]) -> (f64, Vec<f64>) {
         let mut by_scene = SceneGradient::zeros(scene, self.parameters.gradient_request());
         let mut by_unknowns = vec![0.0; x.len()];
-        self.regularisers.evaluate(&self.parameters, scene, x, &mut by_scene, &mut by_unknowns);
+        let values = self.regularisers.evaluate(&self.parameters, scene, x, &mut by_scene, &mut by_unknowns);
         let pulled = self.parameters.pull_back(x, &by_scene);
-        by_unknowns.iter().zip(pulled).map(|(a, b)| a + b).collect()
+        (values.iter().sum(), by_unknowns.iter().zip(pulled).map(|(a, b)| a + b).collect())
+    }
+
+    /// Value and gradient of the regularisers by the unknowns `own` of a pose, with everything else where it starts.
+    pub(super) fn regularised_pose(&self, pose: &Pose, own: &DVector<f64>) -> (f64, DVector<f64>) {
+        if self.regularisers.is_empty() {
+            return (0.0, DVector::zeros(own.len()));
+        }
+        let mut x = self.parameters.start().to_vec();
+        x[pose.unknowns.clone()].copy_from_slice(own.as_slice());
+        let (value, gradient) = self.regularised(&self.parameters.scene(&x), &x);
+        (value, DVector::from_column_slice(&gradient[pose.unknowns.clone()]))
     }
 
     /// The diagonal of the Gauss-Newton Hessian of the pictures, with the light that arrives at surfaces held fixed: most of it
@@ -421,7 +437,7 @@ impl Problem {
         Ok(by_scene.map(|by_scene| self.parameters.pull_back(x, &by_scene)))
     }
 
-    /// The Gauss-Newton Hessian by the unknowns of each pose, see [`Self::gauss_newton`], by the first of these; `None` if the loss is not smooth.
+    /// The Gauss-Newton Hessian by the unknowns of each pose, see [`Self::gauss_newton`], under the first of these; `None` if the loss is not smooth.
     pub(super) fn curvatures_by_poses(
         &self,
         x: &[f64],
@@ -439,9 +455,19 @@ impl Problem {
         }
         let of_pose = |pose: Pose| {
             let first = pose.unknowns.start;
-            let columns: Vec<&Slopes> = pose.unknowns.filter_map(|unknown| columns.get(&unknown)).collect();
+            let columns: Vec<&Slopes> =
+                pose.unknowns.clone().filter_map(|unknown| columns.get(&unknown)).collect();
             let product = |i: usize, j: usize| weighted_product(columns[i], columns[j], &weights);
-            (first, DMatrix::from_fn(columns.len(), columns.len(), product))
+            let mut curvature = DMatrix::from_fn(columns.len(), columns.len(), product);
+            let own = DVector::from_column_slice(&x[pose.unknowns.clone()]);
+            let (_, gradient) = self.regularised_pose(&pose, &own);
+            for i in 0..own.len() {
+                let mut moved = own.clone();
+                moved[i] += COLUMN_STEP;
+                let (_, there) = self.regularised_pose(&pose, &moved);
+                curvature.column_mut(i).axpy(1.0 / COLUMN_STEP, &(there - &gradient), 1.0);
+            }
+            (first, curvature)
         };
         Ok(Some(parallel::map(self.parameters.poses(), of_pose).into_iter().collect()))
     }

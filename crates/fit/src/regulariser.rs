@@ -137,6 +137,11 @@ impl Regularisers {
         Self { terms: terms.iter().filter_map(|term| term_of(term, parameters).ok()).collect() }
     }
 
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.terms.is_empty()
+    }
+
     /// The value of each term at some unknowns and their scene; adds the derivatives by the scene and by the unknowns.
     pub fn evaluate(
         &self,
