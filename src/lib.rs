@@ -49,7 +49,8 @@ pub mod cli;
 pub use antirad_base::Watch;
 #[doc(inline)]
 pub use antirad_core::{
-    Cotangent, Energy, Engine, EngineBuilder, EngineError, Gradients, MaterialGradients, Negative, Solution,
+    Cotangent, Energy, Engine, EngineBuilder, EngineError, Gradients, MaterialGradients, Negative, RayError,
+    Solution,
     SolveParams,
 };
 /// The crate of the vector types in this API, in the version it uses.

@@ -1,10 +1,12 @@
 //! The engine: a planned scene on a device, solved.
 
 use crate::backend::Backend;
-use crate::direct::{DirectError, DirectLight, Lamp};
+use crate::direct::{DirectError, DirectLight, Lamp, Openness};
 use crate::engine_direct::{Direct, lamps_of};
-use crate::plan::{PADDING, Plan, PlanError, PlanOptions, PlannedSolver, RankWeights, Residency};
+use crate::model::rays_among;
+use crate::plan::{NearField, PADDING, Plan, PlanError, PlanOptions, PlannedSolver, RankWeights, Residency};
 use crate::revision::{Difference, Revision};
+use crate::rows::{self, RayError};
 use crate::solve::{
     FixedPointParams, GmresParams, SolveError, SolveInfo, SolveProgress, fixed_point_from, gmres_from,
 };
@@ -12,7 +14,7 @@ use crate::transport::{self, Operators, PassCallback, State, TransportError};
 use antirad_base::ranks::RankError;
 use antirad_base::setters;
 use antirad_gpu::GpuError;
-use antirad_scene::Movable;
+use antirad_scene::{Movable, Rays};
 use antirad_scene::{BackendKind, BinLayout, Material, Precision, Scene, SceneError, SolveSettings};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -306,9 +308,11 @@ impl Arrangement {
 /// A solved scene. Holds device memory until it is dropped. It is valid for the engine that computed it, until that
 /// engine takes other materials.
 pub struct Solution {
-    /// Irradiance per triangle of the scene, RGB, W/m²; zero for triangles without area. With explicit visibility covered parts count less
-    /// ([`Openness`](crate::direct::Openness)).
+    /// Irradiance per triangle of the scene, RGB, W/m²: the mean over the triangle; zero for triangles without area.
     pub irradiance: Vec<[f64; 3]>,
+    /// The same of where triangles lie open ([`Openness`](crate::direct::Openness)): what pictures interpolate.
+    #[doc(hidden)]
+    pub in_the_open: Vec<[f64; 3]>,
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m².
     pub radiosity: Vec<[f64; 3]>,
     /// How the solve went.
@@ -413,6 +417,7 @@ pub struct Engine {
     /// Vertices by which the engine is differentiated.
     #[doc(hidden)]
     pub movable: Movable,
+    ray_error: Option<RayError>,
     revision: Revision,
 }
 
@@ -479,8 +484,34 @@ fn direct_light(
     }
 }
 
+/// Looks how open triangles lie, where their light goes by rays, which are then to be traced.
+fn look_around(scene: &Scene, plan: &mut Plan) -> Option<Rays> {
+    let NearField::Traced { .. } = plan.near_field else { return None };
+    let rays = rays_among(&plan.facets);
+    plan.openness = Openness::new(&plan.facets, &rays, |i| scene.material(i).emits()).into();
+    Some(rays)
+}
+
+/// The light for which rays are traced.
+fn light_of(scene: &Scene, direct: &Direct) -> rows::Light {
+    let grey = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
+    let albedo = |i: usize| {
+        let material = scene.material(i);
+        let all = grey(material.diffuse_albedo()) + grey(material.specular);
+        all.min(MOST_REFLECTED)
+    };
+    rows::Light {
+        emitted: direct.emitted(scene).into_iter().map(grey).collect(),
+        albedo: (0..scene.triangles.len()).map(albedo).collect(),
+        direct: direct.irradiance.iter().map(|h| grey(h.to_array())).collect(),
+    }
+}
+
+/// What triangles are taken to reflect at most, where rays are allotted: so that light decays.
+const MOST_REFLECTED: f64 = 0.99;
+
 impl Engine {
-    /// Allocates exactly the memory that the plan counts, and compiles the kernels.
+    /// Traces the rays of a plan that has some. Allocates exactly the memory that the plan counts, and compiles the kernels.
     ///
     /// # Errors
     /// Fails if the scene is invalid or not that of the plan, if the plan is for another backend or other
@@ -489,14 +520,16 @@ impl Engine {
         let backend = &backend.into();
         scene.validate()?;
         check_planned(&plan, scene)?;
+        let mut plan = plan;
+        let rays = look_around(scene, &mut plan);
         let direct = direct_light(backend, scene, &plan, lamps_of(scene, &plan.lamps))?;
-        Self::with_direct(backend, scene, plan, direct)
+        Self::with_direct(backend, scene, (plan, rays), direct)
     }
 
     fn with_direct(
         backend: &Backend,
         scene: &Scene,
-        plan: Plan,
+        (mut plan, rays): (Plan, Option<Rays>),
         direct: DirectLight,
     ) -> Result<Self, EngineError> {
         let (planned, given) = ((plan.options.rank, plan.options.ranks), backend.ranks());
@@ -509,6 +542,14 @@ impl Engine {
         }
         let unit = light_unit(scene);
         let direct = Direct::new(Arc::new(direct), scene, &plan, &[])?;
+        let traced = rays.map(|rays| rows::trace(backend.ranks(), &plan, &rays, &light_of(scene, &direct)));
+        let ray_error = match traced.transpose()? {
+            Some((rows, error)) => {
+                plan.keep_rows(rows)?;
+                Some(error)
+            }
+            None => None,
+        };
         let mut operators = transport::operators(backend, scene, plan, &direct.emitted(scene), unit)?;
         let first_bounce = direct.first_bounce(scene, operators.plan(), unit);
         operators.set_first_bounce(&first_bounce)?;
@@ -533,6 +574,7 @@ impl Engine {
             triangles: scene.triangles.iter().map(|t| t.vertices).collect(),
             vertices: scene.vertices.len(),
             movable: Movable::All,
+            ray_error,
             revision: Revision::first(),
         })
     }
@@ -595,7 +637,8 @@ impl Engine {
         let (options, settings) = (operators.plan().options, operators.plan().settings);
         let choice = operators.plan().choice().cloned();
         drop(operators);
-        let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
+        let mut plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
+        let rays = look_around(scene, &mut plan);
         let lamps = lamps_of(scene, &plan.lamps);
         let light = direct.light.relit(&lamps).filter(|light| light.receivers() == plan.facets.len());
         // What is explicit looks around anew.
@@ -604,7 +647,13 @@ impl Engine {
             Some(light) => light.moved(&plan.facets)?,
             None => direct_light(&backend, scene, &plan, lamps)?,
         };
-        Self::with_direct(&backend, scene, plan, direct)
+        Self::with_direct(&backend, scene, (plan, rays), direct)
+    }
+
+    /// Standard error of irradiance by the rays that light goes by, for the materials that the engine was made for; `None` where
+    /// visibility is implicit.
+    pub fn ray_error(&self) -> Option<&RayError> {
+        self.ray_error.as_ref()
     }
 
     /// The backend that it runs on.
@@ -686,16 +735,31 @@ impl Engine {
     fn solution(&mut self, state: State, info: SolveInfo) -> Result<Solution, EngineError> {
         let indirect = self.scaled(self.unit, &self.operators.irradiance(&state)?);
         let total = |(indirect, direct): (&[f64; 3], &DVec3)| (DVec3::from(*indirect) + *direct).to_array();
-        let irradiance: Vec<[f64; 3]> = indirect.iter().zip(&self.direct.irradiance).map(total).collect();
-        let radiosity = self.radiosity(&state, &irradiance)?;
-        let energy = self.energy(&irradiance, &radiosity);
+        let in_the_open: Vec<[f64; 3]> = indirect.iter().zip(&self.direct.irradiance).map(total).collect();
+        let radiosity = self.radiosity(&state, &in_the_open)?;
+        let energy = self.energy(&in_the_open, &radiosity);
+        let openness = &self.plan().openness;
+        let mean = |(i, rgb): (usize, &[f64; 3])| rgb.map(|value| openness.share(i) * value);
+        let means = |values: &[[f64; 3]]| -> Vec<[f64; 3]> { values.iter().enumerate().map(mean).collect() };
+        let (irradiance, radiosity) = (means(&in_the_open), means(&radiosity));
         let lowest = irradiance.iter().map(|rgb| rgb.iter().copied().fold(f64::INFINITY, f64::min));
         let negative = Negative {
             triangles: lowest.clone().filter(|&h| h < 0.0).count(),
             minimum: lowest.fold(0.0, f64::min),
         };
         let (arrangement, revision, unit) = (Arrangement::of(self.plan()), self.revision, self.unit);
-        Ok(Solution { irradiance, radiosity, info, energy, negative, state, arrangement, revision, unit })
+        Ok(Solution {
+            irradiance,
+            in_the_open,
+            radiosity,
+            info,
+            energy,
+            negative,
+            state,
+            arrangement,
+            revision,
+            unit,
+        })
     }
 
     /// Checks that a solution belongs to this engine and its current materials.

@@ -19,9 +19,9 @@ use std::ops::ControlFlow;
 pub struct Cotangent {
     /// Derivative by [`Solution::irradiance`], per W/m².
     pub irradiance: Option<Vec<DVec3>>,
-    /// Derivative by the irradiance that comes straight from lamps, per W/m².
+    /// Derivative by the irradiance that comes straight from lamps, where triangles lie open, per W/m².
     pub direct_irradiance: Option<Vec<DVec3>>,
-    /// Derivative by the rest of the irradiance, the indirect part, per W/m².
+    /// Derivative by the rest of that irradiance, the indirect part, per W/m².
     pub indirect_irradiance: Option<Vec<DVec3>>,
     /// Derivative by [`Solution::radiosity`], per W/m².
     pub radiosity: Option<Vec<DVec3>>,
@@ -212,7 +212,7 @@ impl Engine {
         };
         // ∂(δρ/π E): the same for δ, given ρ, and for ρ, given δ.
         let of_albedo: Vec<DVec3> =
-            of_radiance.iter().zip(&solution.irradiance).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
+            of_radiance.iter().zip(&solution.in_the_open).map(|(&m, &h)| m * DVec3::from(h) / PI).collect();
         let materials = || of_albedo.iter().zip(&self.materials);
         let lobes = lobes.map(|sums| self.lobe_gradients(&sums, of_light));
         let direct = self.direct_gradients(cotangent, &unscaled, &of_lobes, request)?;
@@ -315,7 +315,8 @@ impl Engine {
         let plan = self.plan();
         let none = || vec![[0.0; 4]; plan.layout.slots() as usize];
         let mut irradiance = none();
-        for values in [&cotangent.irradiance, &cotangent.indirect_irradiance].into_iter().flatten() {
+        let of_means = cotangent.irradiance.as_ref().map(|values| self.of_means(values));
+        for values in [of_means.as_ref(), cotangent.indirect_irradiance.as_ref()].into_iter().flatten() {
             for (to, values) in irradiance.iter_mut().zip(self.to_slots(values)) {
                 (0..3).for_each(|channel| to[channel] += values[channel]);
             }
@@ -323,7 +324,8 @@ impl Engine {
         if cotangent.radiosity.is_none() && cotangent.specular_radiance.is_none() {
             return (irradiance, none(), vec![None; plan.layout.groups.len()]);
         }
-        let radiosity = cotangent.radiosity.as_ref().map_or_else(none, |radiosity| self.to_slots(radiosity));
+        let radiosity = cotangent.radiosity.as_ref();
+        let radiosity = radiosity.map_or_else(none, |radiosity| self.to_slots(&self.of_means(radiosity)));
         let page = |group: &crate::plan::Group| {
             let slots = plan.layout.slots_of(&group.tiles);
             let of_slot = |slot: u32| {
@@ -340,6 +342,12 @@ impl Engine {
         };
         let specular = plan.layout.groups.iter().map(page).collect();
         (irradiance, radiosity.iter().map(|v| v.map(|x| PI * x)).collect(), specular)
+    }
+
+    /// The cotangents of values in the open, from those of means over triangles.
+    pub(crate) fn of_means(&self, values: &[DVec3]) -> Vec<DVec3> {
+        let openness = &self.plan().openness;
+        values.iter().enumerate().map(|(i, value)| openness.share(i) * *value).collect()
     }
 
     /// Values per triangle in the order of the slots.

@@ -94,7 +94,8 @@ impl Engine {
     fn direct_cotangent(&self, cotangent: &Cotangent, of_radiance: &[DVec3]) -> Vec<DVec3> {
         let reflected = |(m, material): (&DVec3, &Material)| *m * DVec3::from(material.diffuse_albedo()) / PI;
         let mut of_direct: Vec<DVec3> = of_radiance.iter().zip(&self.materials).map(reflected).collect();
-        for values in [&cotangent.irradiance, &cotangent.direct_irradiance].into_iter().flatten() {
+        let of_means = cotangent.irradiance.as_ref().map(|values| self.of_means(values));
+        for values in [of_means.as_ref(), cotangent.direct_irradiance.as_ref()].into_iter().flatten() {
             of_direct.iter_mut().zip(values).for_each(|(to, own)| *to += *own);
         }
         of_direct

@@ -12,10 +12,12 @@ mod gradients_direct;
 pub mod model;
 pub mod plan;
 mod revision;
+mod rows;
 pub mod shaders;
 pub mod solve;
 pub mod transport;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
 pub use engine_builder::EngineBuilder;
+pub use rows::RayError;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};

@@ -497,7 +497,7 @@ impl Renderer for EngineRenderer {
         let mut squares = OwnSquares { albedo: none.clone(), emission: none };
         for (coverage, weights) in coverage.iter().zip(weights) {
             for FaceInPixel { face, pixel, share, .. } in coverage.faces_in_pixels() {
-                let reflected = DVec3::from(solution.irradiance[face]) * scene.material(face).diffuse / PI;
+                let reflected = DVec3::from(solution.in_the_open[face]) * scene.material(face).diffuse / PI;
                 squares.albedo[face] += weights[pixel] * (share * reflected).powf(2.0);
                 squares.emission[face] += weights[pixel] * share * share;
             }

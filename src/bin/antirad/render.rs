@@ -191,6 +191,7 @@ pub fn run(
         accuracy_warnings: answer.warnings.list,
         plan: answer.plan,
         sampling_error: answer.sampling_error,
+        ray_error: answer.ray_error,
         refinement,
         given_triangles,
         lamps: lamps.into_iter().map(LampReport::from).collect(),
@@ -478,6 +479,13 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
             _ => format!(": standard error {:.2} % of it", 100.0 * report.sampling_error),
         };
         antirad::say!("lamps       {}{error} (--lamps exact: exact all the same)", lamps.why);
+    }
+    if let Some(rays) = &report.ray_error {
+        let [mean, median, worst] = [rays.mean, rays.median, rays.worst_tenth].map(|error| 100.0 * error);
+        antirad::say!(
+            "rays        {} of a triangle on average: standard error {mean:.2} % of mean irradiance (median {median:.2} %, worst tenth {worst:.2} %)",
+            rays.of_each()
+        );
     }
     antirad::say!("directions  {} bins", report.plan.bins);
     for class in &report.plan.classes {

@@ -8,7 +8,7 @@ use antirad::scene::LampFactor;
 use antirad::solve::SolveInfo;
 use antirad::target_error::Refinement;
 use antirad::warnings::Warning;
-use antirad::{Energy, Negative};
+use antirad::{Energy, Negative, RayError};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -30,6 +30,8 @@ pub struct Report {
     pub plan: PlanReport,
     /// Standard error of the irradiance that comes straight from lamps, relative; 0 where their visibility is exact.
     pub sampling_error: f64,
+    /// Standard error of irradiance by the rays that light goes by; `None` where visibility is implicit.
+    pub ray_error: Option<RayError>,
     /// How the settings were found, for a target error.
     pub refinement: Option<Refinement>,
     /// Number of triangles of the given mesh, if it was cut: where others touch them, or where too coarse for shadows.

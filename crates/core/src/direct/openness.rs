@@ -132,7 +132,7 @@ impl Met {
         let one = 1.0 / f64::from(count);
         for (part, corners) in parts(facets[triangle].corners).into_iter().enumerate() {
             let number = (seed * facets.len() + triangle) * PARTS + part;
-            for (origin, towards) in from_front(&Facet::new(corners), number as u64, count) {
+            for (origin, towards) in from_front(&Facet::new(corners), number as u64, 0..count) {
                 match rays.nearest(origin, towards, Some(triangle)) {
                     None => {
                         nothing[part] += one;

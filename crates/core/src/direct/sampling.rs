@@ -15,6 +15,7 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
 use std::collections::HashSet;
 use std::f64::consts::TAU;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Polygons in the way up to which visibility is exact all the same.
@@ -256,14 +257,14 @@ pub fn mixed(seed: u64) -> u64 {
 }
 
 /// Rays that leave all over the front of a triangle, as many in each direction as its cosine asks for: origins and unit directions. A seed always
-/// gives the same ones.
-pub fn from_front(facet: &Facet, seed: u64, count: u32) -> impl Iterator<Item = (DVec3, DVec3)> {
+/// gives the same sequence, of which these have some numbers.
+pub fn from_front(facet: &Facet, seed: u64, numbers: Range<u32>) -> impl Iterator<Item = (DVec3, DVec3)> {
     let basis = orthonormal_basis(facet.normal);
     let whole = Origin::Triangle(facet.corners, None);
     let shifts = [0, 1].map(|k| mixed(seed ^ mixed(k)));
     let [turned, moved] = shifts.map(|shift| [shift as u32, (shift >> 32) as u32]);
     let unit = |x: u32| f64::from(x) / 2f64.powi(32);
-    (0..count).map(move |ray| {
+    numbers.map(move |ray| {
         let [s, t] = sobol(ray);
         let (outward, turn) = (unit(s ^ turned[0]), unit(t ^ turned[1]));
         let (origin, _) = whole.of_ray(ray, moved);

@@ -34,6 +34,17 @@ pub enum PlanError {
     /// Derivatives by positions are wanted, and explicit visibility.
     #[error("explicit visibility has no derivatives by positions: choose visibility = \"implicit\"")]
     ExplicitVisibility,
+    /// The rows by rays exceed the budget.
+    #[error(
+        "a memory budget of {budget} bytes is too small: rays between the triangles of this scene may need {needed} bytes \
+         (--memory-budget {needed}, or fewer triangles, or a larger error)"
+    )]
+    TooManyRays {
+        /// Bytes that buffers may take.
+        budget: u64,
+        /// Bytes that rows may take with all else.
+        needed: u64,
+    },
     /// No triangle has an area.
     #[error("the scene has no triangle with an area, so there is nothing to solve")]
     NothingToSolve,

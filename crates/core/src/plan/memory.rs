@@ -1,7 +1,7 @@
 //! Memory by label, computed before allocation. The engine checks that it allocates exactly this.
 
 use super::near_matrix::NearMatrixBytes;
-use super::{NearMatrix, PairLists, Plan, PlanError, Residency};
+use super::{NearField, NearMatrix, PairLists, Plan, PlanError, Residency};
 use crate::model::{Bins, Clusters};
 use antirad_scene::{BackendKind, Precision};
 
@@ -118,6 +118,13 @@ impl MemoryPlan {
             memory.add("near matrix: rows", rows, 1);
             memory.add("near matrix: columns", columns, 1);
             memory.add("near matrix: weights", weights, 1);
+        }
+        if let NearField::Traced { entries, .. } = plan.near_field {
+            let transposed = plan.options.gradients.any()
+                && (plan.options.backend == BackendKind::Vulkan || plan.options.ranks > 1);
+            let copies = 1 + u32::from(transposed);
+            memory.add("near matrix: columns", entries * size_of::<u32>() as u64, copies);
+            memory.add("near matrix: weights", entries * real, copies);
         }
         if let Some(bytes) = plan.kept_far_bytes() {
             memory.add("far pairs", bytes, 1);

@@ -28,6 +28,7 @@ pub use lamps::{direct_lamps, has_direct_lamps};
 pub use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub use memory::{ALL_SUMS, LAMP_PAIRS, LAMP_STAGING, PARTIAL_SUMS, lamp_rays_room};
 pub use memory::{MemoryItem, MemoryPlan};
+pub(crate) use near_matrix::{Blocks, Geometry, Row, Rows, Sums};
 pub use near_matrix::{
     Block, IncidentPart, NO_ROW, NearField, NearMatrix, OutgoingPart, SLICE, SlicedMatrix, Weights,
 };
@@ -314,7 +315,7 @@ pub struct Plan {
     pub(crate) near_field: NearField,
     /// Whether far pairs are kept from pass to pass.
     keeps_far: bool,
-    /// How open the parts of triangles lie, where visibility is explicit: it weights what they receive.
+    /// How open the parts of triangles lie, where visibility is explicit: it weights what they receive. An engine looks.
     pub(crate) openness: Arc<Openness>,
     pub(crate) shares: Shares,
     /// Bytes that the staging buffers are to have, where the device has buffers as large.
@@ -350,7 +351,7 @@ impl Plan {
         let automatic = settings.visibility == VisibilityChoice::Auto;
         match plan {
             // What rays find may not fit where antiradiance and exact shadows do.
-            Err(PlanError::OverBudget { .. } | PlanError::BufferTooLarge { .. })
+            Err(PlanError::OverBudget { .. } | PlanError::TooManyRays { .. } | PlanError::BufferTooLarge { .. })
                 if automatic || options.trace_lamps =>
             {
                 let implicit = settings.visibility(VisibilityChoice::Implicit);
@@ -387,7 +388,7 @@ impl Plan {
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
         let transport = match visibility::why_explicit(&facets, settings, options)? {
-            Some(why) => PlannedTransport::Rays { rays: transport::rays_for(settings.transport), why },
+            Some(why) => PlannedTransport::by_rays(settings, facets.len(), why),
             None => PlannedTransport::default(),
         };
         let explicit = transport.is_explicit();
@@ -461,7 +462,7 @@ impl Plan {
             // Windows have cut groups anew.
             plan.shares = Shares::of(&plan);
         }
-        plan.choose_near_field(scene)?;
+        plan.choose_near_field()?;
         plan.choose_far_field();
         Ok(plan)
     }
@@ -593,7 +594,7 @@ impl Plan {
         &self.facets
     }
 
-    /// How open the parts of triangles lie: those of all equally, unless visibility is explicit.
+    /// How open the parts of triangles lie: those of all equally, unless visibility is explicit and this is the plan of an engine.
     #[doc(hidden)]
     pub fn openness(&self) -> &Arc<Openness> {
         &self.openness

@@ -289,7 +289,7 @@ impl Plan {
 
     /// Seconds that rays would take in place of antiradiance.
     pub fn seconds_of_rays(&self) -> f64 {
-        self.facets.len() as f64 * f64::from(rays_for(self.settings.transport)) / RAYS
+        self.facets.len() as f64 * rays_for(&self.settings) / RAYS
     }
 
     /// Least and most passes: from Chebyshev's bound of Krylov methods for GMRES, from the decay of bounces

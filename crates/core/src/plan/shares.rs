@@ -134,7 +134,7 @@ impl Plan {
     }
 
     /// Whether this rank computes a slot.
-    pub(super) fn owns(&self, slot: u32) -> bool {
+    pub(crate) fn owns(&self, slot: u32) -> bool {
         let tile = slot / self.layout.tile;
         self.shares.groups.iter().any(|group| group[self.options.rank as usize].contains(&tile))
     }

@@ -2,7 +2,7 @@
 
 use super::{ClusterChoice, Group, Interactions, MemoryPlan, Plan, PlanError, Residency, page_tiles};
 use crate::model::{Class, LIST};
-use antirad_scene::Transport;
+use antirad_scene::{SolveSettings, Transport};
 use std::f64::consts::TAU;
 use std::fmt;
 use std::sync::Arc;
@@ -22,7 +22,9 @@ pub enum PlannedTransport {
     },
     /// Rays: visibility is explicit.
     Rays {
-        /// Rays of a triangle.
+        /// Standard error of irradiance that they may cause, relative to its mean.
+        error: f64,
+        /// Rays of a triangle at most, on average over all.
         rays: u32,
         /// Why visibility is explicit.
         why: &'static str,
@@ -35,7 +37,14 @@ impl PlannedTransport {
         matches!(self, Self::Rays { .. })
     }
 
-    /// Rays of a triangle where visibility is explicit.
+    /// Rays: as many as the error asks for.
+    pub(super) fn by_rays(settings: &SolveSettings, triangles: usize, why: &'static str) -> Self {
+        let rays = (ALL_RAYS / triangles.max(1) as f64).max(USUAL_RAYS) * times_as_many(settings);
+        let rays = rays.clamp(f64::from(FEWEST_RAYS), f64::from(MOST_RAYS)) as u32;
+        Self::Rays { error: error_of_rays(settings), rays, why }
+    }
+
+    /// Rays of a triangle at most, on average over all, where visibility is explicit.
     pub fn rays(self) -> Option<u32> {
         match self {
             Self::Rays { rays, .. } => Some(rays),
@@ -47,17 +56,27 @@ impl PlannedTransport {
     pub fn error(self) -> f64 {
         match self {
             Self::Exact { .. } => 0.0,
-            Self::Rays { rays, .. } => OF_A_RAY / f64::from(rays).sqrt(),
-            Self::Hierarchical { error } => error,
+            Self::Rays { error, .. } | Self::Hierarchical { error } => error,
         }
     }
 }
 
-/// Rays of a triangle for the error that far light may have: a power of two, by which Sobol' points are evenly spread.
-pub(super) fn rays_for(transport: Transport) -> u32 {
-    let Transport::Hierarchical { error } = transport else { return USUAL_RAYS };
-    let enough = (OF_A_RAY / error).powi(2).ceil().min(f64::from(MOST_RAYS)) as u32;
-    enough.next_power_of_two().clamp(FEWEST_RAYS, MOST_RAYS)
+/// Standard error of irradiance by rays, relative to its mean, that the settings ask for.
+fn error_of_rays(settings: &SolveSettings) -> f64 {
+    match settings.transport {
+        Transport::Hierarchical { error } => error,
+        Transport::Auto | Transport::Exact => USUAL_ERROR,
+    }
+}
+
+/// How many times as many rays as usual an error asks for.
+fn times_as_many(settings: &SolveSettings) -> f64 {
+    (USUAL_ERROR / error_of_rays(settings)).powi(2)
+}
+
+/// About how many rays of a triangle the settings ask for.
+pub(super) fn rays_for(settings: &SolveSettings) -> f64 {
+    (USUAL_RAYS * times_as_many(settings)).clamp(f64::from(FEWEST_RAYS), f64::from(MOST_RAYS))
 }
 
 impl Default for PlannedTransport {
@@ -71,17 +90,21 @@ impl fmt::Display for PlannedTransport {
         match self {
             Self::Exact { why } => write!(f, "exact: {why}"),
             Self::Hierarchical { error } => write!(f, "clusters, error {error}"),
-            Self::Rays { rays, why } => write!(f, "explicit visibility, {rays} rays a triangle: {why}"),
+            Self::Rays { error, rays, why } => {
+                write!(f, "explicit visibility, error {error}, at most {rays} rays a triangle: {why}")
+            }
         }
     }
 }
 
-/// Error of irradiance by one ray, relative to its mean: by n it falls as n^(-1/2), measured from 64 to 4096 in a furnished room.
-const OF_A_RAY: f64 = 0.25;
-/// Rays of a triangle where no error is asked for, and the fewest and most.
-const USUAL_RAYS: u32 = 512;
+/// Standard error of irradiance by rays where none is asked for.
+const USUAL_ERROR: f64 = 0.005;
+/// Rays of a triangle for that, on average over all, and rays of all triangles of small meshes, at most.
+const USUAL_RAYS: f64 = 512.0;
+const ALL_RAYS: f64 = (1 << 25) as f64;
+/// Fewest and most of these averages.
 const FEWEST_RAYS: u32 = 64;
-const MOST_RAYS: u32 = 1 << 16;
+const MOST_RAYS: u32 = 1 << 14;
 /// Share of all pairs above which clusters do not pay: culling leaves out about half of the pairs, too.
 const WORTH: f64 = 0.4;
 /// Triangles of the smallest clusters.

@@ -12,12 +12,13 @@ pub mod vulkan;
 mod watch;
 mod work;
 
+pub(crate) use cpu::complete_slots;
 pub use watch::{PassCallback, TransportError};
 
 use crate::backend::Backend;
 use crate::direct::{RayScene, Tracer};
 use crate::model::FacetGradient;
-use crate::plan::Plan;
+use crate::plan::{NearField, Plan};
 use crate::solve::LightOperator;
 use antirad_base::usage::LabelReport;
 use antirad_gpu::GpuError;
@@ -163,6 +164,9 @@ pub fn operators(
 ) -> Result<Box<dyn Operators>, TransportError> {
     if plan.options.backend != backend.kind() {
         return Err(TransportError::OtherBackend);
+    }
+    if let NearField::Traced { .. } = plan.near_field {
+        return Err(TransportError::missing("rows by rays"));
     }
     Ok(match (backend, plan.settings.precision) {
         (Backend::Vulkan(device), _) => {

@@ -177,7 +177,7 @@ impl Light {
         };
         let views: Vec<View> = cameras.iter().map(view).collect::<Result<_, EngineError>>()?;
         let direct_irradiance = engine.direct.irradiance.clone();
-        let total = solution.irradiance.iter().map(|h| DVec3::from(*h));
+        let total = solution.in_the_open.iter().map(|h| DVec3::from(*h));
         let indirect_irradiance: Vec<DVec3> = total.zip(&direct_irradiance).map(|(h, d)| h - *d).collect();
         let interpolation = Interpolation::new(scene);
         let facets = engine.plan().facets().to_vec();

@@ -4,7 +4,7 @@ use crate::shading::{Light, Reflections};
 use crate::warnings::Warnings;
 use antirad_core::plan::PlanReport;
 use antirad_core::solve::SolveInfo;
-use antirad_core::{Energy, Engine, EngineError, Negative, Solution};
+use antirad_core::{Energy, Engine, EngineError, Negative, RayError, Solution};
 use antirad_scene::{Camera, Scene};
 
 /// A solved scene on the host.
@@ -26,6 +26,8 @@ pub struct Answer {
     pub negative: Negative,
     /// [`Engine::sampling_error`].
     pub sampling_error: f64,
+    /// [`Engine::ray_error`].
+    pub ray_error: Option<RayError>,
     /// The plan that the solve ran under.
     pub plan: PlanReport,
     /// Warnings of the scene before the solve, and of its solution.
@@ -51,7 +53,7 @@ impl Answer {
         let colours = colours.collect::<Result<_, _>>()?;
         let light = Light::new(engine, &solution, scene, cameras, reflections)?;
         let Solution { irradiance, radiosity, info, energy, negative, .. } = solution;
-        let (plan, sampling_error) = (engine.plan(), engine.sampling_error());
+        let (plan, sampling_error, ray_error) = (engine.plan(), engine.sampling_error(), engine.ray_error().cloned());
         warnings.measure(scene, plan, &irradiance);
         warnings.list.extend(Warnings::after(scene, plan, &irradiance, info.spectral_radius).list);
         Ok(Self {
@@ -63,6 +65,7 @@ impl Answer {
             energy,
             negative,
             sampling_error,
+            ray_error,
             plan: plan.report(),
             warnings,
         })

@@ -8,7 +8,7 @@ use super::{Answer, LayoutKind, SearchError, Solve, Stage, Step, TargetErrorOpti
 use crate::warnings::{CUT, Warnings, mean_albedo, told_from};
 use antirad_core::backend::Backend;
 use antirad_core::plan::{Plan, PlanOptions, has_direct_lamps};
-use antirad_core::{Engine, EngineError};
+use antirad_core::{Engine, EngineError, RayError};
 use antirad_scene::{Scene, SolveSettings};
 
 /// Share of the target error that clusters may cause: squares add up, so that they add a twentieth to the estimate.
@@ -301,7 +301,7 @@ impl<'a> Search<'a> {
             bins: own.bins.to_string(),
             layout,
             near_field: own.near_field,
-            rays: transport.rays(),
+            rays: answer.as_ref().ok().and_then(|answer| answer.ray_error.as_ref()).map(RayError::of_each),
             tolerance: own.tolerance,
             triangles: scene.triangles.len(),
             passes: both().flatten().map(|answer| answer.info.passes).sum(),

@@ -58,7 +58,7 @@ fn limits(scene: &Scene) -> Vec<f64> {
     let free_path = |i: usize| {
         let nearest = |(origin, ray)| tracer.rays().nearest(origin, ray, Some(i));
         let first = |ray| nearest(ray).map_or(f64::INFINITY, |(_, at)| at);
-        let mut distances: Vec<f64> = from_front(&facets[i], i as u64, RAYS).map(first).collect();
+        let mut distances: Vec<f64> = from_front(&facets[i], i as u64, 0..RAYS).map(first).collect();
         distances.sort_by(f64::total_cmp);
         distances[distances.len() / 2]
     };

@@ -1,6 +1,5 @@
 //! The blocks of the near-field matrix: each connects one array of outgoing light with one of incident light.
 
-use super::rows::Row;
 use crate::plan::TileLayout;
 
 /// An array of incident light: what rows are.
@@ -86,12 +85,12 @@ impl Blocks {
         }
     }
 
-    /// The slot of the source that a row of a transposed block belongs to.
-    pub fn source(&self, row: &Row) -> u32 {
-        match self.parts(row.block).1 {
-            OutgoingPart::Diffuse => row.index,
+    /// The slot of the source that a column belongs to.
+    pub fn source(&self, outgoing: OutgoingPart, column: u32) -> u32 {
+        match outgoing {
+            OutgoingPart::Diffuse => column,
             OutgoingPart::Antiradiance { group } | OutgoingPart::Specular { group } => {
-                self.first[group] + row.index / self.bins
+                self.first[group] + column / self.bins
             }
         }
     }

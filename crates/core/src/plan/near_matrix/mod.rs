@@ -2,20 +2,17 @@
 //! evaluated in each pass, or all of it by rays.
 
 mod blocks;
-mod rays;
 mod rows;
 mod sliced;
 
+pub(crate) use blocks::Blocks;
 pub use blocks::{IncidentPart, OutgoingPart};
+pub(crate) use rows::{Geometry, Row, Rows, Sums};
 pub use sliced::{Block, NO_ROW, SLICE, SlicedMatrix, Weights};
 
-use super::{MemoryPlan, NearPairs, Plan, PlanError, PlannedTransport, Residency};
-use crate::direct::Openness;
-use crate::model::{PADDING, rays_among};
-use antirad_scene::{Precision, Scene};
-use blocks::Blocks;
-use rays::Seen;
-use rows::{Geometry, Row, Rows};
+use super::{MemoryPlan, NearPairs, Plan, PlanError, PlanOptions, PlannedTransport, Residency};
+use crate::model::{Class, PADDING};
+use antirad_scene::{BackendKind, Precision};
 use std::fmt;
 use std::sync::Arc;
 
@@ -36,6 +33,13 @@ pub enum NearField {
         /// Why it is not kept.
         why: &'static str,
     },
+    /// Rows by rays, which are traced when an engine is made.
+    Traced {
+        /// Rays at most.
+        rays: u64,
+        /// Weights at most, about.
+        entries: u64,
+    },
     /// Kept as a matrix.
     Kept(NearMatrix),
 }
@@ -53,6 +57,8 @@ pub struct NearMatrix {
     pub forward: Arc<SlicedMatrix>,
     /// The matrix from the cotangent of incident light to that of outgoing light; with gradients.
     pub transposed: Option<Arc<SlicedMatrix>>,
+    /// Whether that is without the block from diffuse radiance to irradiance, whose transpose is applied from the forward matrix.
+    pub scatters: bool,
     /// Number of weights, without those that fill up slices.
     pub weights: u64,
 }
@@ -68,8 +74,9 @@ impl fmt::Display for NearField {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Evaluated { why } => write!(f, "evaluated in each pass: {why}"),
-            Self::Kept(NearMatrix { forward, transposed, weights }) => {
-                let transposed = if transposed.is_some() { ", and its transpose" } else { "" };
+            Self::Traced { rays, .. } => write!(f, "at most {rays} rays"),
+            Self::Kept(NearMatrix { forward, transposed, scatters, weights }) => {
+                let transposed = if transposed.is_some() && !scatters { ", and its transpose" } else { "" };
                 write!(
                     f,
                     "kept as a matrix of {weights} weights in {} blocks{transposed}",
@@ -89,6 +96,8 @@ const SAMPLE: usize = 64;
 const FEW: usize = 16;
 /// Smallest fraction of its estimated size that the whole matrix may take.
 const LEAST: f64 = 0.5;
+/// What slices of rows by rays are filled up with, as a factor.
+const FILLED: f64 = 1.1;
 /// Most weights: kernels index them by 32 bits.
 const MOST_WEIGHTS: u64 = 1 << 30;
 
@@ -103,9 +112,9 @@ impl Plan {
     ///
     /// # Errors
     /// Fails if light goes by rays and their matrix does not fit.
-    pub(super) fn choose_near_field(&mut self, scene: &Scene) -> Result<(), PlanError> {
+    pub(super) fn choose_near_field(&mut self) -> Result<(), PlanError> {
         if let PlannedTransport::Rays { rays, .. } = self.transport {
-            return self.keep_rays(scene, rays);
+            return self.expect_rays(rays);
         }
         let evaluated = |why| NearField::Evaluated { why };
         self.near_field = self.near_matrix().map_or_else(evaluated, NearField::Kept);
@@ -120,35 +129,47 @@ impl Plan {
         Ok(())
     }
 
-    /// Traces the rays that all light goes by.
-    fn keep_rays(&mut self, scene: &Scene, count: u32) -> Result<(), PlanError> {
-        let blocks = Blocks::new(&self.layout, self.bins.count());
-        let rays = rays_among(&self.facets);
-        self.openness = Openness::new(&self.facets, &rays, |i| scene.material(i).emits()).into();
-        let rows = {
-            let geometry = self.matrix_geometry();
-            let seen = Seen::new(&geometry, (rays, count), &self.openness);
-            let slots = || (0..self.layout.slots()).filter(|&s| self.layout.order[s as usize] != PADDING);
-            let own: Vec<u32> = slots().filter(|&slot| self.owns(slot)).collect();
-            // Not traced in vain where they are far too many.
-            if let Some(sample) = sampled(&own) {
-                let weights = seen.rows(&blocks, &sample).weights.len() as f64;
-                let copies = if self.options.gradients.any() { 2.0 } else { 1.0 };
-                let all = weights * own.len() as f64 / sample.len() as f64;
-                let needed = (LEAST * copies * all) as u64 * (4 + self.settings.precision.bytes());
-                let budget = self.options.memory_budget;
-                if needed > budget {
-                    return Err(PlanError::OverBudget { budget, needed });
-                }
-            }
-            let rows = seen.rows(&blocks, &own);
-            self.matrix(&blocks, &rows, || seen.rows(&blocks, &slots().collect::<Vec<_>>()))
+    /// Estimates the matrix of the rays that all light goes by, which an engine traces.
+    fn expect_rays(&mut self, rays: u32) -> Result<(), PlanError> {
+        let (triangles, own) = (self.triangles() as u64, self.own_triangles());
+        let sources = self.share_of(|class| class.glossy);
+        let receivers = self.share_of(|class| class.has_bins());
+        // Directions have bilinear weights.
+        let of_a_ray = (1.0 + 4.0 * sources) * (1.0 + 4.0 * receivers);
+        let entries = own as f64 * (f64::from(rays) * of_a_ray).min(triangles as f64 * of_a_ray);
+        self.near_field = NearField::Traced { rays: own * u64::from(rays), entries: (FILLED * entries) as u64 };
+        self.check_near_matrix()
+    }
+
+    /// Triangles that this rank computes.
+    fn own_triangles(&self) -> u64 {
+        let own = |&slot: &u32| self.layout.order[slot as usize] != PADDING && self.owns(slot);
+        (0..self.layout.slots()).filter(own).count() as u64
+    }
+
+    /// Share of the area of triangles of some classes.
+    fn share_of(&self, has: impl Fn(&Class) -> bool) -> f64 {
+        let area = |has: &dyn Fn(&Class) -> bool| -> f64 {
+            let of = self.facets.iter().zip(&self.classes).filter(|(_, class)| has(class));
+            of.map(|(facet, _)| facet.area).sum()
         };
-        self.near_field = NearField::Kept(rows);
+        area(&has) / area(&|_| true).max(f64::MIN_POSITIVE)
+    }
+
+    /// Keeps the rows that an engine has traced.
+    ///
+    /// # Errors
+    /// Fails if they do not fit.
+    pub(crate) fn keep_rows(&mut self, matrix: NearMatrix) -> Result<(), PlanError> {
+        self.near_field = NearField::Kept(matrix);
+        self.check_near_matrix()
+    }
+
+    fn check_near_matrix(&mut self) -> Result<(), PlanError> {
         self.memory = MemoryPlan::of(self, self.options.rank);
         self.memory.check_buffers(self.options.max_buffer)?;
         let (budget, needed) = (self.options.memory_budget, self.memory.total());
-        if needed > budget { Err(PlanError::OverBudget { budget, needed }) } else { Ok(()) }
+        if needed > budget { Err(PlanError::TooManyRays { budget, needed }) } else { Ok(()) }
     }
 
     fn near_matrix(&self) -> Result<NearMatrix, &'static str> {
@@ -163,7 +184,7 @@ impl Plan {
             return Err("no close pairs");
         }
         let free = self.options.memory_budget.saturating_sub(self.memory.total());
-        let blocks = Blocks::new(&self.layout, self.bins.count());
+        let blocks = self.blocks();
         let geometry = self.matrix_geometry();
         let own: Vec<u32> = with_close_sources(near).filter(|&slot| self.owns(slot)).collect();
         if own.is_empty() {
@@ -195,7 +216,12 @@ impl Plan {
         }))
     }
 
-    fn matrix_geometry(&self) -> Geometry<'_> {
+    /// Numbers of blocks, rows and columns.
+    pub(crate) fn blocks(&self) -> Blocks {
+        Blocks::new(&self.layout, self.bins.count())
+    }
+
+    pub(crate) fn matrix_geometry(&self) -> Geometry<'_> {
         let [coincident, pole] = rounding(self.settings.precision);
         Geometry {
             layout: &self.layout,
@@ -211,29 +237,21 @@ impl Plan {
     /// The matrix of the rows of own receivers, with gradients also the transposed one. `lit`: the rows of all that own
     /// sources send light to, where there are several ranks.
     fn matrix(&self, blocks: &Blocks, rows: &Rows, lit: impl FnOnce() -> Rows) -> NearMatrix {
-        // Bins of a state hold H(b) / c_b.
-        let per_bin = |row: &Row| 1.0 / self.bins.projected[row.index as usize % self.bins.count()];
-        // Rows are of what this rank holds.
-        let before = |group: usize| {
-            let [all, own] = [&self.layout.groups[group], &self.own(group)]
-                .map(|group| self.layout.slots_of(&group.tiles).start);
-            (own - all) * self.bins.count() as u32
-        };
         let precision = self.settings.precision;
-        let forward = SlicedMatrix::new(rows, blocks, precision, |row| match blocks.parts(row.block) {
-            (IncidentPart::Irradiance, _) => 1.0,
-            (IncidentPart::Bins { .. }, _) => per_bin(row),
-        })
-        .moved(|block| match block.incident {
-            IncidentPart::Irradiance => 0,
-            IncidentPart::Bins { group } => before(group),
+        let per_bin = |row: &Row| self.per_bin(row.index);
+        let before = |group: usize| self.before(group);
+        let forward = SlicedMatrix::new(rows, blocks, precision, |row| self.factor_of(blocks, row)).moved(|block| {
+            match block.incident {
+                IncidentPart::Irradiance => 0,
+                IncidentPart::Bins { group } => before(group),
+            }
         });
         let transposed = self.options.gradients.any().then(|| {
             let turned = match self.options.ranks {
                 1 => rows.transposed(),
                 _ => {
                     let mut turned = lit().transposed();
-                    turned.rows.retain(|row| self.owns(blocks.source(row)));
+                    turned.rows.retain(|row| self.owns(blocks.source(blocks.parts(row.block).1, row.index)));
                     turned
                 }
             };
@@ -246,7 +264,64 @@ impl Plan {
                 OutgoingPart::Antiradiance { group } | OutgoingPart::Specular { group } => before(group),
             }))
         });
-        NearMatrix { forward: Arc::new(forward), transposed, weights: rows.weights.len() as u64 }
+        let weights = rows.weights.len() as u64;
+        NearMatrix { forward: Arc::new(forward), transposed, scatters: false, weights }
+    }
+
+    /// What light of a bin counts there: bins of a state hold H(b) / c_b.
+    fn per_bin(&self, row: u32) -> f64 {
+        1.0 / self.bins.projected[row as usize % self.bins.count()]
+    }
+
+    /// What weights of a row count in a state.
+    pub(crate) fn factor_of(&self, blocks: &Blocks, row: &Row) -> f64 {
+        match blocks.parts(row.block).0 {
+            IncidentPart::Irradiance => 1.0,
+            IncidentPart::Bins { .. } => self.per_bin(row.index),
+        }
+    }
+
+    /// Bins of a group before those that this rank holds.
+    fn before(&self, group: usize) -> u32 {
+        let [all, own] =
+            [&self.layout.groups[group], &self.own(group)].map(|group| self.layout.slots_of(&group.tiles).start);
+        (own - all) * self.bins.count() as u32
+    }
+
+    /// A row as this rank holds it.
+    pub(crate) fn held_row(&self, blocks: &Blocks, row: &Row) -> u32 {
+        match blocks.parts(row.block).0 {
+            IncidentPart::Irradiance => row.index,
+            IncidentPart::Bins { group } => row.index - self.before(group),
+        }
+    }
+
+    /// The matrix of rows by rays, with gradients with what of its transpose is not read from itself. `all`: the rows of all receivers,
+    /// where there are several ranks.
+    pub(crate) fn with_transpose(
+        &self,
+        blocks: &Blocks,
+        forward: SlicedMatrix,
+        all: Option<&SlicedMatrix>,
+    ) -> NearMatrix {
+        let PlanOptions { gradients, backend, ranks, .. } = self.options;
+        // Almost all is diffuse.
+        let scatters = gradients.any() && backend == BackendKind::Cpu && ranks == 1;
+        let transposed = gradients.any().then(|| {
+            let wanted = |block: &Block| !(scatters && block.is_diffuse());
+            let factor = |block: &Block, row: u32| match block.incident {
+                IncidentPart::Irradiance => 1.0,
+                IncidentPart::Bins { .. } => 1.0 / self.per_bin(row),
+            };
+            let own = |block: &Block, column: u32| self.owns(blocks.source(block.outgoing, column));
+            let turned = all.unwrap_or(&forward).transposed(wanted, factor, own);
+            Arc::new(turned.moved(|block| match block.outgoing {
+                OutgoingPart::Diffuse => 0,
+                OutgoingPart::Antiradiance { group } | OutgoingPart::Specular { group } => self.before(group),
+            }))
+        });
+        let weights = forward.weights.count();
+        NearMatrix { forward: Arc::new(forward), transposed, scatters, weights }
     }
 
     /// Weights and bytes of the whole matrix for own receivers, from the rows of some of them.
@@ -275,7 +350,7 @@ impl Plan {
     pub fn near_field_matrix(&self) -> Option<&NearMatrix> {
         match &self.near_field {
             NearField::Kept(matrix) => Some(matrix),
-            NearField::Evaluated { .. } => None,
+            NearField::Evaluated { .. } | NearField::Traced { .. } => None,
         }
     }
 }

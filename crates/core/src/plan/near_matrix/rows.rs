@@ -169,7 +169,7 @@ pub struct Sums<'a> {
 }
 
 impl<'a> Sums<'a> {
-    fn new(geometry: &'a Geometry<'a>, blocks: &'a Blocks) -> Self {
+    pub fn new(geometry: &'a Geometry<'a>, blocks: &'a Blocks) -> Self {
         let bins = geometry.bins.count();
         Self {
             geometry,

@@ -46,9 +46,9 @@ pub struct SlicedMatrix {
 #[derive(Clone, Debug)]
 pub enum Weights {
     /// Single precision.
-    F32(Arc<[f32]>),
+    F32(Arc<Vec<f32>>),
     /// Double precision.
-    F64(Arc<[f64]>),
+    F64(Arc<Vec<f64>>),
 }
 
 impl Default for Weights {
@@ -66,12 +66,27 @@ impl Weights {
         }
     }
 
+    /// How many there are, without those that fill up slices.
+    pub fn count(&self) -> u64 {
+        match self {
+            Self::F32(weights) => weights.iter().filter(|weight| **weight != 0.0).count() as u64,
+            Self::F64(weights) => weights.iter().filter(|weight| **weight != 0.0).count() as u64,
+        }
+    }
+
     /// The weights as numbers in memory.
     pub fn as_bytes(&self) -> &[u8] {
         match self {
-            Self::F32(weights) => bytemuck::cast_slice(weights),
-            Self::F64(weights) => bytemuck::cast_slice(weights),
+            Self::F32(weights) => bytemuck::cast_slice(&weights[..]),
+            Self::F64(weights) => bytemuck::cast_slice(&weights[..]),
         }
+    }
+}
+
+impl Block {
+    /// Whether it connects diffuse radiance with irradiance.
+    pub fn is_diffuse(&self) -> bool {
+        (self.incident, self.outgoing) == (IncidentPart::Irradiance, OutgoingPart::Diffuse)
     }
 }
 
@@ -111,11 +126,99 @@ impl SlicedMatrix {
         };
         matrix.weights = match precision {
             Precision::F32 => {
-                Weights::F32(filled(&slices, |row| weights(row).map(|weight| weight as f32)).into())
+                Weights::F32(Arc::new(filled(&slices, |row| weights(row).map(|weight| weight as f32))))
             }
-            Precision::F64 => Weights::F64(filled(&slices, weights).into()),
+            Precision::F64 => Weights::F64(Arc::new(filled(&slices, weights))),
         };
         matrix
+    }
+
+    /// The transposed blocks that are `wanted`, of those columns that are `own`; each row is multiplied by `factor`.
+    pub fn transposed(
+        &self,
+        wanted: impl Fn(&Block) -> bool,
+        factor: impl Fn(&Block, u32) -> f64,
+        own: impl Fn(&Block, u32) -> bool,
+    ) -> Self {
+        let mut turned = Self { starts: vec![0], ..Self::default() };
+        // Of each entry its place in the transposed matrix.
+        let mut sources = Vec::new();
+        for block in self.blocks.iter().filter(|block| wanted(block)) {
+            let mut lengths: Vec<u32> = Vec::new();
+            self.each_entry(block, |_, column, _| {
+                let column = column as usize;
+                lengths.resize(lengths.len().max(column + 1), 0);
+                lengths[column] += 1;
+            });
+            let mut columns: Vec<u32> = (0..lengths.len() as u32).collect();
+            columns.retain(|&column| lengths[column as usize] > 0 && own(block, column));
+            columns.sort_unstable_by_key(|&column| (Reverse(lengths[column as usize]), column));
+            let first = turned.starts.len() as u32 - 1;
+            // Where the next entry of each column goes.
+            let mut next = vec![usize::MAX; lengths.len()];
+            for slice in columns.chunks(SLICE as usize) {
+                let start = turned.starts.last().copied().unwrap_or(0);
+                for (lane, &column) in slice.iter().enumerate() {
+                    next[column as usize] = (start * SLICE) as usize + lane;
+                }
+                turned.starts.push(start + lengths[slice[0] as usize]);
+                let rows = slice.iter().copied().chain(std::iter::repeat(NO_ROW));
+                turned.rows.extend(rows.take(SLICE as usize));
+            }
+            let slices = first..turned.starts.len() as u32 - 1;
+            turned.blocks.push(Block { slices, ..block.clone() });
+            sources.push((block, next));
+        }
+        let count = turned.starts.last().map_or(0, |&end| end as usize * SLICE as usize);
+        turned.columns = vec![0; count];
+        turned.weights = match &self.weights {
+            Weights::F32(from) => Weights::F32(Arc::new(self.turned(sources, &mut turned.columns, |at, by| {
+                (f64::from(from[at]) * by) as f32
+            }, factor))),
+            Weights::F64(from) => {
+                Weights::F64(Arc::new(self.turned(sources, &mut turned.columns, |at, by| from[at] * by, factor)))
+            }
+        };
+        turned
+    }
+
+    /// The weights of transposed blocks, and their columns. `next`: where the first entry of each column of a block goes.
+    fn turned<T: Clone + Default>(
+        &self,
+        blocks: Vec<(&Block, Vec<usize>)>,
+        columns: &mut [u32],
+        weight: impl Fn(usize, f64) -> T,
+        factor: impl Fn(&Block, u32) -> f64,
+    ) -> Vec<T> {
+        let mut weights = vec![T::default(); columns.len()];
+        for (block, mut next) in blocks {
+            self.each_entry(block, |row, column, at| {
+                let next = &mut next[column as usize];
+                if *next != usize::MAX {
+                    columns[*next] = row;
+                    weights[*next] = weight(at, factor(block, row));
+                    *next += SLICE as usize;
+                }
+            });
+        }
+        weights
+    }
+
+    /// Calls `call` with the row, the column and the place of each entry of a block that does not fill up a slice.
+    fn each_entry(&self, block: &Block, mut call: impl FnMut(u32, u32, usize)) {
+        let is_zero = |at: usize| match &self.weights {
+            Weights::F32(weights) => weights[at] == 0.0,
+            Weights::F64(weights) => weights[at] == 0.0,
+        };
+        for slice in block.slices.clone() {
+            let entries = self.starts[slice as usize] * SLICE..self.starts[slice as usize + 1] * SLICE;
+            let rows = &self.rows[(slice * SLICE) as usize..][..SLICE as usize];
+            for (at, row) in entries.zip(rows.iter().cycle()).map(|(at, &row)| (at as usize, row)) {
+                if row != NO_ROW && !is_zero(at) {
+                    call(row, self.columns[at], at);
+                }
+            }
+        }
     }
 
     /// Renumbers the rows of each block, so that they count from `first` of the block on.

@@ -27,7 +27,7 @@ impl<T: Real> Operators<T> {
         x: &Vector<T>,
         y: &mut Vector<T>,
     ) -> Result<(), TransportError> {
-        let Self { context, window, near_transposed, kept, steps, adjoint, .. } = self;
+        let Self { context, window, near, near_transposed, kept, steps, adjoint, .. } = self;
         let adjoint = adjoint.as_mut().ok_or(TransportError::NotPlanned)?;
         let plan = &context.plan;
         let lists = plan.interactions().by_source.as_ref().ok_or(TransportError::NotPlanned)?;
@@ -61,6 +61,14 @@ impl<T: Real> Operators<T> {
             }
         }
         add_near_matrix(context, near_transposed.as_ref(), None, x, adjoint, y, steps);
+        let scatters = plan.near_field_matrix().is_some_and(|matrix| matrix.scatters);
+        for near in near.iter().filter(|_| scatters) {
+            for block in near.matrix.blocks.iter().filter(|block| block.is_diffuse()) {
+                let (entries, radiance) = (near.matrix.entries(block), &mut adjoint.current_radiance[..]);
+                let scatter = || near.multiply_transposed(block, &x.irradiance, radiance);
+                steps.timed("near_matrix", "transposed", entries, scatter);
+            }
+        }
         if plan.clusters().is_some() {
             for s in 0..plan.layout.groups.len() {
                 let back = Some((&mut y.bins[s], kept.as_ref()));

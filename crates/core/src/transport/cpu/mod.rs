@@ -35,6 +35,7 @@ mod taps;
 mod vectors;
 mod volumes;
 
+pub use completion::complete_slots;
 pub use real::Real;
 pub use state::Vector;
 

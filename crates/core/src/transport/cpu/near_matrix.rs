@@ -10,10 +10,16 @@ use std::sync::Arc;
 /// So many entries take less time than to wake other threads.
 const SMALL: u64 = 1 << 14;
 
+/// Parts of a block with sums of their own, at most; entries of a part for each number of a sum, at least.
+const SCATTERED: u64 = 32;
+const WORTH: u64 = 2;
+/// Sums that a thread adds up at a time.
+const CHUNK: usize = 1 << 10;
+
 /// The matrix from outgoing to incident light, or its transpose.
 pub struct NearMatrix<T> {
     pub matrix: Arc<SlicedMatrix>,
-    weights: Arc<[T]>,
+    weights: Arc<Vec<T>>,
     /// The memory of the matrix, which the plan holds.
     _arrays: [Lease; 4],
 }
@@ -47,6 +53,50 @@ impl<T: Real> NearMatrix<T> {
         for (&row, sum) in rows.zip(sums.as_flattened()).filter(|(row, _)| **row != NO_ROW) {
             let own = &mut y[row as usize * to..][..to.min(3)];
             own.iter_mut().zip(sum).for_each(|(y, &sum)| *y += sum);
+        }
+    }
+
+    /// Adds the product of the transpose of a block with `x` to `y`, each with 4 numbers per slot. Parts of the block have sums of their own,
+    /// always the same ones, which are added in their order.
+    pub fn multiply_transposed(&self, block: &Block, x: &[T], y: &mut [T]) {
+        const SLOT: usize = 4;
+        let slices = block.slices.clone();
+        let parts = (self.matrix.entries(block) / (WORTH * y.len() as u64).max(1)).clamp(1, SCATTERED);
+        let first = |part: u64| slices.start + (part * slices.len() as u64 / parts) as u32;
+        let sums = parallel::map(0..parts as usize, |part| {
+            let mut sums = vec![[T::ZERO; 3]; y.len() / SLOT];
+            for slice in first(part as u64)..first(part as u64 + 1) {
+                self.scatter(slice, x, &mut sums);
+            }
+            sums
+        });
+        parallel::each(y.chunks_mut(SLOT * CHUNK).enumerate(), |(chunk, y)| {
+            for (slot, y) in y.chunks_exact_mut(SLOT).enumerate() {
+                for sums in &sums {
+                    let sum = sums[chunk * CHUNK + slot];
+                    y.iter_mut().zip(sum).for_each(|(y, sum)| *y += sum);
+                }
+            }
+        });
+    }
+
+    /// Adds what the rows of a slice pass back to columns.
+    fn scatter(&self, slice: u32, x: &[T], sums: &mut [[T; 3]]) {
+        const LANES: usize = SLICE as usize;
+        let [begin, end] =
+            [slice, slice + 1].map(|slice| self.matrix.starts[slice as usize] as usize * LANES);
+        let rows = &self.matrix.rows[slice as usize * LANES..][..LANES];
+        let of_row = |&row: &u32| match row {
+            NO_ROW => [T::ZERO; 3],
+            row => [0, 1, 2].map(|channel| x[4 * row as usize + channel]),
+        };
+        let own: Vec<[T; 3]> = rows.iter().map(of_row).collect();
+        let (weights, columns) = (&self.weights[begin..end], &self.matrix.columns[begin..end]);
+        for (weights, columns) in weights.chunks_exact(LANES).zip(columns.chunks_exact(LANES)) {
+            for ((x, &weight), &column) in own.iter().zip(weights).zip(columns) {
+                let sum = &mut sums[column as usize];
+                *sum = [0, 1, 2].map(|channel| sum[channel] + weight * x[channel]);
+            }
         }
     }
 

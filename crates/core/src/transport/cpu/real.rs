@@ -51,7 +51,7 @@ pub trait Real:
     fn vector_mut(state: &mut State) -> Option<&mut Vector<Self>>;
     fn state(vector: Vector<Self>) -> State;
     /// Weights of a matrix, shared where they are of this type.
-    fn weights(weights: &Weights) -> Arc<[Self]>;
+    fn weights(weights: &Weights) -> Arc<Vec<Self>>;
 
     #[inline(always)]
     fn least(self, other: Self) -> Self {
@@ -98,10 +98,10 @@ impl Real for f32 {
         State(Values::Single(vector))
     }
 
-    fn weights(weights: &Weights) -> Arc<[Self]> {
+    fn weights(weights: &Weights) -> Arc<Vec<Self>> {
         match weights {
             Weights::F32(weights) => weights.clone(),
-            Weights::F64(weights) => weights.iter().map(|&weight| weight as Self).collect(),
+            Weights::F64(weights) => Arc::new(weights.iter().map(|&weight| weight as Self).collect()),
         }
     }
 
@@ -212,9 +212,9 @@ impl Real for f64 {
         State(Values::Double(vector))
     }
 
-    fn weights(weights: &Weights) -> Arc<[Self]> {
+    fn weights(weights: &Weights) -> Arc<Vec<Self>> {
         match weights {
-            Weights::F32(weights) => weights.iter().map(|&weight| weight.into()).collect(),
+            Weights::F32(weights) => Arc::new(weights.iter().map(|&weight| weight.into()).collect()),
             Weights::F64(weights) => weights.clone(),
         }
     }

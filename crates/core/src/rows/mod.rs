@@ -1,0 +1,249 @@
+//! Transport by rays: the rows of receivers from the fronts that they see, traced when an engine is made.
+//!
+//! Rays leave all over the front of a receiver, as many in each direction as its cosine asks for. Each of N rays that meets a front
+//! brings π/N of its radiance; what meets a back, or nothing, is dark. So all that a receiver receives adds up to π of radiance at most,
+//! and every bounce of light is weaker than the one before, however dense blockers are.
+//!
+//! A few rays of all triangles tell roughly what light there is, and how much of it varies from ray to ray. More follow where that leaves
+//! an error (`allocation`), continuing their sequences, until the mean error of irradiance is as wanted. So rows depend on the light for which
+//! they are traced, and stay as they are when materials change.
+
+mod allocation;
+mod assembly;
+mod chunk;
+mod seen;
+
+use crate::plan::{Blocks, NearMatrix, PADDING, Plan, Row, SlicedMatrix};
+use crate::transport::complete_slots;
+use allocation::{FEWEST, Known, mean_error};
+use antirad_base::parallel;
+use antirad_base::ranks::{RankError, Ranks};
+use antirad_scene::Rays;
+use chunk::{Brought, Chunk, RECEIVERS};
+use seen::Seen;
+use std::f64::consts::PI;
+
+/// Looks at the light by the rays so far at most.
+const LOOKS: u32 = 8;
+/// Bounces of light between two looks; the light of earlier ones is kept.
+const BOUNCES: u32 = 4;
+/// Neighbours in the order of slots, on both sides, whose variances tell what few rays of a triangle may have missed.
+const BESIDE: usize = 4;
+
+/// The light for which rows are traced, by triangle, as the mean of its channels.
+pub struct Light {
+    /// Radiance that leaves a triangle for others, but for what it reflects of them.
+    pub emitted: Vec<f64>,
+    /// Share of irradiance that it reflects.
+    pub albedo: Vec<f64>,
+    /// Irradiance straight from lamps.
+    pub direct: Vec<f64>,
+}
+
+/// Standard error of irradiance that rays between triangles leave: that of the light for which an engine was made.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RayError {
+    /// Rays of all triangles, and the number of these.
+    pub rays: u64,
+    /// Number of triangles.
+    pub triangles: u64,
+    /// Mean over the area, relative to mean irradiance.
+    pub mean: f64,
+    /// Median over the area, relative to mean irradiance.
+    pub median: f64,
+    /// Mean over the tenth of the area where it is largest, relative to mean irradiance.
+    pub worst_tenth: f64,
+    /// Of each triangle, as the mean of channels, W/m².
+    #[serde(skip)]
+    pub of_triangles: Vec<f64>,
+}
+
+impl RayError {
+    /// Rays of a triangle, on average.
+    pub fn of_each(&self) -> u32 {
+        (self.rays / self.triangles.max(1)) as u32
+    }
+}
+
+/// Rows of what this rank computes, and what is known of all receivers.
+struct Traced<'a> {
+    ranks: &'a Ranks,
+    plan: &'a Plan,
+    light: &'a Light,
+    chunks: Vec<Chunk>,
+    /// By slot: radiance, irradiance from other triangles, variance of what a ray brings, rays, and how many of equal weight tell as much as
+    /// one.
+    radiance: Vec<f64>,
+    brought: Vec<[f64; 4]>,
+}
+
+/// Traces rows until the error is as planned. All ranks call it.
+///
+/// # Errors
+/// Fails if another rank has ended, or does not run the same program.
+pub fn trace(
+    ranks: &Ranks,
+    plan: &Plan,
+    rays: &Rays,
+    light: &Light,
+) -> Result<(NearMatrix, RayError), RankError> {
+    let blocks = plan.blocks();
+    let geometry = plan.matrix_geometry();
+    let seen = Seen::new(&geometry, &blocks, rays, &plan.openness);
+    let mut traced = Traced::new(ranks, plan, light);
+    let mut wanted = vec![FEWEST; plan.layout.slots() as usize];
+    let most = u64::from(plan.transport.rays().unwrap_or(FEWEST)) * plan.triangles() as u64;
+    for _ in 0..LOOKS {
+        traced.extend(&seen, &wanted);
+        traced.look()?;
+        let known = traced.known();
+        let more = allocation::rays(&known, plan.transport.error(), most);
+        let is_enough = known.iter().zip(&more).all(|(known, &more)| more <= known.rays);
+        if is_enough {
+            break;
+        }
+        wanted = more;
+    }
+    let error = traced.error();
+    let rays_of = |slot: u32| traced.brought[slot as usize][2] as u32;
+    let others = plan.options.gradients.any() && plan.options.ranks > 1;
+    let all = others.then(|| {
+        // The rows of own sources are columns of what their receivers, of any rank, receive.
+        let slots: Vec<u32> = (0..plan.layout.slots()).filter(|&s| plan.layout.order[s as usize] != PADDING).collect();
+        matrix_of(plan, &blocks, extended(chunks(&slots), &seen, rays_of), false)
+    });
+    let forward = matrix_of(plan, &blocks, std::mem::take(&mut traced.chunks), true);
+    Ok((plan.with_transpose(&blocks, forward, all.as_ref()), error))
+}
+
+/// The matrix of some rows; `moved`: with the rows of bins as this rank holds them.
+fn matrix_of(plan: &Plan, blocks: &Blocks, chunks: Vec<Chunk>, moved: bool) -> SlicedMatrix {
+    let scale = |row: &Row| plan.factor_of(blocks, row);
+    let index = |row: &Row| if moved { plan.held_row(blocks, row) } else { row.index };
+    assembly::matrix(chunks, blocks, plan.settings.precision, scale, index)
+}
+
+fn chunks(slots: &[u32]) -> Vec<Chunk> {
+    slots.chunks(RECEIVERS).map(Chunk::new).collect()
+}
+
+fn extended(chunks: Vec<Chunk>, seen: &Seen, wanted: impl Fn(u32) -> u32 + Sync) -> Vec<Chunk> {
+    parallel::map(chunks, |chunk| chunk.extended(seen, &wanted))
+}
+
+impl<'a> Traced<'a> {
+    fn new(ranks: &'a Ranks, plan: &'a Plan, light: &'a Light) -> Self {
+        let slots = plan.layout.slots();
+        let own = |&slot: &u32| plan.layout.order[slot as usize] != PADDING && plan.owns(slot);
+        let own: Vec<u32> = (0..slots).filter(own).collect();
+        let mut traced = Self {
+            ranks,
+            plan,
+            light,
+            chunks: chunks(&own),
+            radiance: Vec::new(),
+            brought: vec![[0.0; 4]; slots as usize],
+        };
+        traced.radiance = traced.reflected();
+        traced
+    }
+
+    fn extend(&mut self, seen: &Seen, wanted: &[u32]) {
+        let chunks = std::mem::take(&mut self.chunks);
+        self.chunks = extended(chunks, seen, |slot| wanted[slot as usize]);
+    }
+
+    /// Finds the light by the rows of now.
+    fn look(&mut self) -> Result<(), RankError> {
+        for _ in 0..BOUNCES {
+            let of_chunk = |chunk: &Chunk| -> Vec<(u32, [f64; 4])> {
+                let brought = chunk.brought(&self.radiance);
+                let values = |(receiver, Brought { irradiance, variance }): (&chunk::Receiver, Brought)| {
+                    let rays = f64::from(receiver.rays);
+                    (receiver.slot, [irradiance, variance, rays, receiver.effective() / rays])
+                };
+                brought.map(values).collect()
+            };
+            for (slot, values) in parallel::map(&self.chunks, of_chunk).into_iter().flatten() {
+                self.brought[slot as usize] = values;
+            }
+            complete_slots(self.ranks, self.plan, &mut self.brought, 1)?;
+            self.radiance = self.reflected();
+        }
+        Ok(())
+    }
+
+    /// The radiance of slots.
+    fn reflected(&self) -> Vec<f64> {
+        let Light { emitted, albedo, .. } = self.light;
+        let of_slot = |(&triangle, &[irradiance, ..]): (&u32, &[f64; 4])| match triangle {
+            PADDING => 0.0,
+            i => emitted[i as usize] + albedo[i as usize] / PI * irradiance,
+        };
+        self.plan.layout.order.iter().zip(&self.brought).map(of_slot).collect()
+    }
+
+    /// What is known of the receivers of all slots.
+    fn known(&self) -> Vec<Known> {
+        let order = &self.plan.layout.order;
+        let variance = |slot: usize| {
+            let beside = slot.saturating_sub(BESIDE)..(slot + BESIDE + 1).min(order.len());
+            let (sum, count) = beside.filter(|&k| order[k] != PADDING).fold((0.0, 0), |(sum, count), k| {
+                (sum + self.brought[k][1], count + 1)
+            });
+            0.5 * (self.brought[slot][1] + sum / f64::from(count.max(1)))
+        };
+        let of_slot = |slot: usize| self.of_slot(slot, variance(slot));
+        (0..order.len()).map(of_slot).collect()
+    }
+
+    fn of_slot(&self, slot: usize, variance: f64) -> Known {
+        let [irradiance, _, rays, effective] = self.brought[slot];
+        let triangle = self.plan.layout.order[slot];
+        if triangle == PADDING {
+            return Known::default();
+        }
+        Known {
+            area: self.plan.facets[triangle as usize].area,
+            irradiance: irradiance + self.light.direct[triangle as usize],
+            deviation: variance.sqrt(),
+            rays: rays as u32,
+            effective,
+        }
+    }
+
+    fn error(&self) -> RayError {
+        let own = |slot: usize| self.of_slot(slot, self.brought[slot][1]);
+        let known: Vec<Known> = (0..self.brought.len()).map(own).filter(|known| known.area > 0.0).collect();
+        let area: f64 = known.iter().map(|of| of.area).sum();
+        let mean = known.iter().map(|of| of.area * of.irradiance).sum::<f64>() / area.max(f64::MIN_POSITIVE);
+        let error = |of: &Known| of.error(f64::from(of.rays));
+        let mut sorted: Vec<[f64; 2]> = known.iter().map(|of| [error(of), of.area]).collect();
+        sorted.sort_unstable_by(|a, b| b[0].total_cmp(&a[0]));
+        // The error where so much of the area has a larger one, and the mean over that.
+        let beyond = |share: f64| {
+            let (mut left, mut sum) = (share * area, 0.0);
+            for &[error, of_area] in &sorted {
+                sum += error * of_area.min(left);
+                left -= of_area;
+                if left <= 0.0 {
+                    return [error, sum / (share * area)];
+                }
+            }
+            [0.0; 2]
+        };
+        let relative = |error: f64| if mean > 0.0 { error / mean } else { 0.0 };
+        let mut of_triangles = vec![0.0; self.plan.facets.len()];
+        for (slot, &triangle) in self.plan.layout.order.iter().enumerate().filter(|(_, i)| **i != PADDING) {
+            of_triangles[triangle as usize] = error(&own(slot));
+        }
+        RayError {
+            rays: known.iter().map(|of| u64::from(of.rays)).sum(),
+            triangles: known.len() as u64,
+            mean: mean_error(&known, |i| f64::from(known[i].rays)),
+            median: relative(beyond(0.5)[0]),
+            worst_tenth: relative(beyond(0.1)[1]),
+            of_triangles,
+        }
+    }
+}
