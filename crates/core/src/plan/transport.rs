@@ -101,7 +101,7 @@ impl fmt::Display for PlannedTransport {
 const USUAL_ERROR: f64 = 0.005;
 /// Rays of a triangle for that, on average over all, and rays of all triangles of small meshes, at most.
 const USUAL_RAYS: f64 = 512.0;
-const ALL_RAYS: f64 = (1 << 25) as f64;
+const ALL_RAYS: f64 = (1 << 24) as f64;
 /// Fewest and most of these averages.
 const FEWEST_RAYS: u32 = 64;
 const MOST_RAYS: u32 = 1 << 14;

@@ -1,6 +1,6 @@
 //! Rows of some receivers, which grow with their rays.
 
-use super::seen::{Found, Seen};
+use super::seen::{Found, Moments, Seen};
 use crate::plan::Row;
 use std::f64::consts::PI;
 
@@ -18,13 +18,14 @@ pub struct Chunk {
 }
 
 /// A receiver, and the rays that left it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub struct Receiver {
     pub slot: u32,
     pub rays: u32,
     /// Sums of the weights of rays, and of their squares.
     all: f64,
     squares: f64,
+    moments: [Moments; 2],
     /// First of its rows, and their number.
     first: u32,
     count: u32,
@@ -35,19 +36,21 @@ pub struct Receiver {
 pub struct Brought {
     /// Irradiance.
     pub irradiance: f64,
-    /// Variance of what one ray brings.
+    /// Variance of what one ray brings, where all have equal weight.
     pub variance: f64,
+    /// How many rays of equal weight tell as much as one.
+    pub effective: f64,
 }
 
 impl Chunk {
     /// Receivers that no ray has left.
     pub fn new(slots: &[u32]) -> Self {
-        let receiver = |&slot: &u32| Receiver { slot, rays: 0, all: 0.0, squares: 0.0, first: 0, count: 0 };
+        let receiver = |&slot: &u32| Receiver { slot, ..Receiver::default() };
         Self { receivers: slots.iter().map(receiver).collect(), ..Self::default() }
     }
 
-    /// The same with as many rays of each receiver as wanted.
-    pub fn extended(self, seen: &Seen, wanted: impl Fn(u32) -> u32) -> Self {
+    /// The same with as many rays of each receiver as wanted. `radiance`: of slots, for what rays bring.
+    pub fn extended(self, seen: &Seen, wanted: impl Fn(u32) -> u32, radiance: &[f64]) -> Self {
         if self.receivers.iter().all(|receiver| wanted(receiver.slot) <= receiver.rays) {
             return self;
         }
@@ -55,7 +58,7 @@ impl Chunk {
         let mut sums = seen.sums();
         for receiver in &self.receivers {
             let rays = wanted(receiver.slot).max(receiver.rays);
-            let found = seen.look(&mut sums, receiver.slot, receiver.rays..rays);
+            let found = seen.look(&mut sums, receiver.slot, receiver.rays..rays, radiance);
             longer.add(&self, Receiver { rays, ..*receiver }, &found);
         }
         longer.rows.shrink_to_fit();
@@ -66,7 +69,6 @@ impl Chunk {
 
     /// Appends a receiver: its rows in an earlier chunk, and what more rays have found.
     fn add(&mut self, before: &Self, receiver: Receiver, found: &Found) {
-        let Receiver { slot, rays, all, squares, .. } = receiver;
         let first = self.rows.len() as u32;
         let mut old = before.rows_of(&receiver).iter().peekable();
         let mut new = found.rows.rows.iter().peekable();
@@ -79,9 +81,11 @@ impl Chunk {
             self.merge(entries, more.map(|(column, weight)| (column, weight as f32)));
             self.rows.push(Row { block, index, first: start, length: self.columns.len() as u32 - start });
         }
-        let (all, squares) = (all + found.all, squares + found.squares);
+        let mut moments = receiver.moments;
+        moments.iter_mut().zip(found.moments).for_each(|(to, by)| *to += by);
+        let (all, squares) = (receiver.all + found.all, receiver.squares + found.squares);
         let count = self.rows.len() as u32 - first;
-        self.receivers.push(Receiver { slot, rays, all, squares, first, count });
+        self.receivers.push(Receiver { all, squares, moments, first, count, ..receiver });
     }
 
     /// Appends the sum of two lists of entries.
@@ -116,8 +120,14 @@ impl Chunk {
             }
             let per_ray = PI / receiver.all.max(f64::MIN_POSITIVE);
             let irradiance = per_ray * sum;
-            let variance = (PI * per_ray * squares - irradiance * irradiance).max(0.0);
-            (receiver, Brought { irradiance, variance })
+            let (variance, effective) = match receiver.aimed() {
+                None => {
+                    let variance = (PI * per_ray * squares - irradiance * irradiance).max(0.0);
+                    (variance, receiver.effective() / f64::from(receiver.rays.max(1)))
+                }
+                Some(deviations) => (per_ray * per_ray * f64::from(receiver.rays) * deviations, 1.0),
+            };
+            (receiver, Brought { irradiance, variance, effective })
         })
     }
 }
@@ -128,8 +138,13 @@ impl Receiver {
         PI / self.all
     }
 
+    /// Sum of the squares of what rays deviate from the mean of their kind, where some are aimed.
+    fn aimed(&self) -> Option<f64> {
+        (self.moments[1].rays > 0).then(|| self.moments.iter().map(Moments::deviations).sum())
+    }
+
     /// How many rays of equal weight tell as much.
-    pub fn effective(&self) -> f64 {
+    fn effective(&self) -> f64 {
         self.all * self.all / self.squares
     }
 }

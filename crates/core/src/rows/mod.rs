@@ -10,6 +10,7 @@
 
 mod allocation;
 mod assembly;
+mod bright;
 mod chunk;
 mod seen;
 
@@ -19,6 +20,7 @@ use allocation::{FEWEST, Known, mean_error};
 use antirad_base::parallel;
 use antirad_base::ranks::{RankError, Ranks};
 use antirad_scene::Rays;
+use bright::Bright;
 use chunk::{Brought, Chunk, RECEIVERS};
 use seen::Seen;
 use std::f64::consts::PI;
@@ -27,7 +29,7 @@ use std::f64::consts::PI;
 const LOOKS: u32 = 8;
 /// Bounces of light between two looks; the light of earlier ones is kept.
 const BOUNCES: u32 = 4;
-/// Neighbours in the order of slots, on both sides, whose variances tell what few rays of a triangle may have missed.
+/// Neighbours in the order of slots, on both sides, whose deviations tell what few rays of a triangle may have missed.
 const BESIDE: usize = 4;
 
 /// The light for which rows are traced, by triangle, as the mean of its channels.
@@ -89,13 +91,20 @@ pub fn trace(
 ) -> Result<(NearMatrix, RayError), RankError> {
     let blocks = plan.blocks();
     let geometry = plan.matrix_geometry();
-    let seen = Seen::new(&geometry, &blocks, rays, &plan.openness);
+    let mut seen = Seen::new(&geometry, &blocks, rays, &plan.openness);
     let mut traced = Traced::new(ranks, plan, light);
     let mut wanted = vec![FEWEST; plan.layout.slots() as usize];
     let most = u64::from(plan.transport.rays().unwrap_or(FEWEST)) * plan.triangles() as u64;
-    for _ in 0..LOOKS {
+    traced.extend(&seen, &wanted);
+    traced.look()?;
+    seen.bright = Bright::new(plan, &traced.radiance);
+    if seen.bright.is_some() {
+        // Other rays than those so far.
+        traced.begin();
         traced.extend(&seen, &wanted);
         traced.look()?;
+    }
+    for _ in 0..LOOKS {
         let known = traced.known();
         let more = allocation::rays(&known, plan.transport.error(), most);
         let is_enough = known.iter().zip(&more).all(|(known, &more)| more <= known.rays);
@@ -103,6 +112,8 @@ pub fn trace(
             break;
         }
         wanted = more;
+        traced.extend(&seen, &wanted);
+        traced.look()?;
     }
     let error = traced.error();
     let rays_of = |slot: u32| traced.brought[slot as usize][2] as u32;
@@ -110,7 +121,7 @@ pub fn trace(
     let all = others.then(|| {
         // The rows of own sources are columns of what their receivers, of any rank, receive.
         let slots: Vec<u32> = (0..plan.layout.slots()).filter(|&s| plan.layout.order[s as usize] != PADDING).collect();
-        matrix_of(plan, &blocks, extended(chunks(&slots), &seen, rays_of), false)
+        matrix_of(plan, &blocks, extended(chunks(&slots), &seen, rays_of, &traced.radiance), false)
     });
     let forward = matrix_of(plan, &blocks, std::mem::take(&mut traced.chunks), true);
     Ok((plan.with_transpose(&blocks, forward, all.as_ref()), error))
@@ -127,30 +138,34 @@ fn chunks(slots: &[u32]) -> Vec<Chunk> {
     slots.chunks(RECEIVERS).map(Chunk::new).collect()
 }
 
-fn extended(chunks: Vec<Chunk>, seen: &Seen, wanted: impl Fn(u32) -> u32 + Sync) -> Vec<Chunk> {
-    parallel::map(chunks, |chunk| chunk.extended(seen, &wanted))
+fn extended(
+    chunks: Vec<Chunk>,
+    seen: &Seen,
+    wanted: impl Fn(u32) -> u32 + Sync,
+    radiance: &[f64],
+) -> Vec<Chunk> {
+    parallel::map(chunks, |chunk| chunk.extended(seen, &wanted, radiance))
 }
 
 impl<'a> Traced<'a> {
     fn new(ranks: &'a Ranks, plan: &'a Plan, light: &'a Light) -> Self {
-        let slots = plan.layout.slots();
-        let own = |&slot: &u32| plan.layout.order[slot as usize] != PADDING && plan.owns(slot);
-        let own: Vec<u32> = (0..slots).filter(own).collect();
-        let mut traced = Self {
-            ranks,
-            plan,
-            light,
-            chunks: chunks(&own),
-            radiance: Vec::new(),
-            brought: vec![[0.0; 4]; slots as usize],
-        };
+        let brought = vec![[0.0; 4]; plan.layout.slots() as usize];
+        let mut traced = Self { ranks, plan, light, chunks: Vec::new(), radiance: Vec::new(), brought };
+        traced.begin();
         traced.radiance = traced.reflected();
         traced
     }
 
+    /// Forgets all rays.
+    fn begin(&mut self) {
+        let own = |&slot: &u32| self.plan.layout.order[slot as usize] != PADDING && self.plan.owns(slot);
+        let own: Vec<u32> = (0..self.plan.layout.slots()).filter(own).collect();
+        self.chunks = chunks(&own);
+    }
+
     fn extend(&mut self, seen: &Seen, wanted: &[u32]) {
         let chunks = std::mem::take(&mut self.chunks);
-        self.chunks = extended(chunks, seen, |slot| wanted[slot as usize]);
+        self.chunks = extended(chunks, seen, |slot| wanted[slot as usize], &self.radiance);
     }
 
     /// Finds the light by the rows of now.
@@ -158,9 +173,9 @@ impl<'a> Traced<'a> {
         for _ in 0..BOUNCES {
             let of_chunk = |chunk: &Chunk| -> Vec<(u32, [f64; 4])> {
                 let brought = chunk.brought(&self.radiance);
-                let values = |(receiver, Brought { irradiance, variance }): (&chunk::Receiver, Brought)| {
-                    let rays = f64::from(receiver.rays);
-                    (receiver.slot, [irradiance, variance, rays, receiver.effective() / rays])
+                let values = |(receiver, brought): (&chunk::Receiver, Brought)| {
+                    let Brought { irradiance, variance, effective } = brought;
+                    (receiver.slot, [irradiance, variance, f64::from(receiver.rays), effective])
                 };
                 brought.map(values).collect()
             };
@@ -186,18 +201,20 @@ impl<'a> Traced<'a> {
     /// What is known of the receivers of all slots.
     fn known(&self) -> Vec<Known> {
         let order = &self.plan.layout.order;
-        let variance = |slot: usize| {
+        let deviations: Vec<f64> = self.brought.iter().map(|of| of[1].sqrt()).collect();
+        let deviation = |slot: usize| {
             let beside = slot.saturating_sub(BESIDE)..(slot + BESIDE + 1).min(order.len());
-            let (sum, count) = beside.filter(|&k| order[k] != PADDING).fold((0.0, 0), |(sum, count), k| {
-                (sum + self.brought[k][1], count + 1)
-            });
-            0.5 * (self.brought[slot][1] + sum / f64::from(count.max(1)))
+            // The median: small triangles at lamps see a hundred times as much vary.
+            let mut beside: Vec<f64> = beside.filter(|&k| order[k] != PADDING).map(|k| deviations[k]).collect();
+            beside.sort_unstable_by(f64::total_cmp);
+            let usual = beside.get(beside.len() / 2).copied().unwrap_or_default();
+            let missed = (usual - deviations[slot]).max(0.0);
+            deviations[slot] + missed * f64::from(FEWEST) / self.brought[slot][2].max(f64::from(FEWEST))
         };
-        let of_slot = |slot: usize| self.of_slot(slot, variance(slot));
-        (0..order.len()).map(of_slot).collect()
+        (0..order.len()).map(|slot| self.of_slot(slot, deviation(slot))).collect()
     }
 
-    fn of_slot(&self, slot: usize, variance: f64) -> Known {
+    fn of_slot(&self, slot: usize, deviation: f64) -> Known {
         let [irradiance, _, rays, effective] = self.brought[slot];
         let triangle = self.plan.layout.order[slot];
         if triangle == PADDING {
@@ -206,14 +223,14 @@ impl<'a> Traced<'a> {
         Known {
             area: self.plan.facets[triangle as usize].area,
             irradiance: irradiance + self.light.direct[triangle as usize],
-            deviation: variance.sqrt(),
+            deviation,
             rays: rays as u32,
             effective,
         }
     }
 
     fn error(&self) -> RayError {
-        let own = |slot: usize| self.of_slot(slot, self.brought[slot][1]);
+        let own = |slot: usize| self.of_slot(slot, self.brought[slot][1].sqrt());
         let known: Vec<Known> = (0..self.brought.len()).map(own).filter(|known| known.area > 0.0).collect();
         let area: f64 = known.iter().map(|of| of.area).sum();
         let mean = known.iter().map(|of| of.area * of.irradiance).sum::<f64>() / area.max(f64::MIN_POSITIVE);

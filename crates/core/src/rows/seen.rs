@@ -1,5 +1,6 @@
 //! What rays of a receiver meet, summed up by rows of the matrix.
 
+use super::bright::{Bright, EVERY};
 use crate::direct::{Openness, Parts, barycentric, from_front};
 use crate::model::{Facet, PADDING, Piece, orthonormal_basis};
 use crate::plan::{Blocks, Geometry, Row, Rows, Sums};
@@ -13,6 +14,8 @@ pub struct Seen<'a> {
     pub blocks: &'a Blocks,
     rays: &'a Rays,
     openness: &'a Openness,
+    /// Where some rays go; `None`: all go by the cosine.
+    pub bright: Option<Bright>,
     /// The slot of each triangle.
     slots: Vec<u32>,
     /// Whether some triangles are glossy, so that directions matter.
@@ -27,6 +30,38 @@ pub struct Found {
     /// Sums of the weights of all rays, and of their squares.
     pub all: f64,
     pub squares: f64,
+    /// What rays in all directions bring of the light of now, and those that are aimed.
+    pub moments: [Moments; 2],
+}
+
+/// Sums over rays.
+#[derive(Clone, Copy, Default)]
+pub struct Moments {
+    pub rays: u32,
+    /// What each brings, and the square of that.
+    pub sum: f64,
+    pub squares: f64,
+}
+
+impl Moments {
+    fn add(&mut self, brought: f64) {
+        self.rays += 1;
+        self.sum += brought;
+        self.squares += brought * brought;
+    }
+
+    /// Sum of the squares of deviations from the mean.
+    pub fn deviations(&self) -> f64 {
+        (self.squares - self.sum * self.sum / f64::from(self.rays.max(1))).max(0.0)
+    }
+}
+
+impl std::ops::AddAssign for Moments {
+    fn add_assign(&mut self, other: Self) {
+        self.rays += other.rays;
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
 }
 
 /// The front of a triangle that a ray meets.
@@ -45,7 +80,7 @@ impl<'a> Seen<'a> {
         let placed = layout.order.iter().zip(0..).filter(|(triangle, _)| **triangle != PADDING);
         placed.for_each(|(&triangle, slot)| slots[triangle as usize] = slot);
         let glossy = classes.iter().any(|class| class.glossy);
-        Self { geometry, blocks, rays, openness, slots, glossy }
+        Self { geometry, blocks, rays, openness, bright: None, slots, glossy }
     }
 
     /// Scratch space of [`Self::look`].
@@ -53,11 +88,11 @@ impl<'a> Seen<'a> {
         self.glossy.then(|| Sums::new(self.geometry, self.blocks))
     }
 
-    /// Traces the rays with some numbers of the sequence of a receiver.
-    pub fn look(&self, sums: &mut Option<Sums>, slot: u32, numbers: Range<u32>) -> Found {
+    /// Traces the rays with some numbers of the sequence of a receiver. `radiance`: of slots, for the moments.
+    pub fn look(&self, sums: &mut Option<Sums>, slot: u32, numbers: Range<u32>, radiance: &[f64]) -> Found {
         let Geometry { layout, classes, facets, .. } = *self.geometry;
         let receiver = layout.order[slot as usize] as usize;
-        let (hits, mut found) = self.hits(receiver, numbers);
+        let (hits, mut found) = self.hits(receiver, numbers, radiance);
         let of_sources = hits.chunk_by(|a, b| a.slot == b.slot);
         let Some(sums) = sums else {
             let Rows { rows, columns, weights } = &mut found.rows;
@@ -88,24 +123,42 @@ impl<'a> Seen<'a> {
     }
 
     /// The fronts that rays of a triangle meet, in ascending order of their slots.
-    fn hits(&self, receiver: usize, numbers: Range<u32>) -> (Vec<Hit>, Found) {
+    fn hits(&self, receiver: usize, numbers: Range<u32>, radiance: &[f64]) -> (Vec<Hit>, Found) {
         let facets = self.geometry.facets;
         let Facet { corners, normal, .. } = facets[receiver];
         let parts = self.openness.of(receiver);
+        let aim = self.bright.as_ref().and_then(|bright| bright.aim(&facets[receiver]));
         let (mut hits, mut found) = (Vec::with_capacity(numbers.len()), Found::default());
-        for (origin, towards) in from_front(&facets[receiver], receiver as u64, numbers) {
+        let mut trace = |origin: DVec3, towards: DVec3, at: Option<usize>| {
             let weight = parts.map_or(1.0, |parts| parts.weight(barycentric(corners, normal, origin)));
             found.all += weight;
             found.squares += weight * weight;
-            let met = self.rays.nearest(origin, towards, Some(receiver));
+            let cosine = towards.dot(normal);
+            let met = if cosine > 0.0 { self.rays.nearest(origin, towards, Some(receiver)) } else { None };
+            let met = met.filter(|&(source, _)| at.is_none_or(|aimed| aimed == source));
             let front = met.filter(|&(source, _)| towards.dot(facets[source].normal) < 0.0);
-            hits.extend(front.map(|(source, distance)| {
+            let hit = front.map(|(source, distance)| {
                 let Facet { corners, normal, .. } = facets[source];
                 let leaves =
                     |parts: &Parts| parts.leaves(barycentric(corners, normal, origin + distance * towards));
-                let weight = weight * self.openness.of(source).map_or(1.0, leaves);
+                let cosines = [cosine, -towards.dot(normal)];
+                let balance =
+                    aim.as_ref().map_or(1.0, |aim| aim.balance((source, &facets[source]), distance, cosines));
+                let weight = weight * balance * self.openness.of(source).map_or(1.0, leaves);
                 Hit { slot: self.slots[source], direction: -towards, weight }
-            }));
+            });
+            let brought = hit.as_ref().map_or(0.0, |hit| hit.weight * radiance[hit.slot as usize]);
+            found.moments[usize::from(at.is_some())].add(brought);
+            hits.extend(hit);
+        };
+        let (seed, Range { start, end }) = (receiver as u64, numbers);
+        let aimed = if aim.is_some() { start / EVERY..end / EVERY } else { 0..0 };
+        let others = if aim.is_some() { start - aimed.start..end - aimed.end } else { start..end };
+        for (origin, towards) in from_front(&facets[receiver], seed, others) {
+            trace(origin, towards, None);
+        }
+        for (origin, towards, at) in aim.iter().flat_map(|aim| aim.rays(&facets[receiver], seed, aimed.clone())) {
+            trace(origin, towards, Some(at));
         }
         hits.sort_unstable_by_key(|hit| hit.slot);
         (hits, found)
