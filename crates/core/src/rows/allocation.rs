@@ -14,8 +14,11 @@ pub const MOST: u32 = 1 << 16;
 const GROWTH: u32 = 8;
 /// Rays in multiples of those before that are worth another look.
 const WORTH: f64 = 1.25;
-/// Share of the mean irradiance to which dark places count as bright.
-const DARK: f64 = 1.0 / 16.0;
+/// Irradiance relative to its mean below which places count as dark.
+const DARK: f64 = 1e-3;
+/// The mean error relative to the irradiance of each place may be so many times as large as that relative to mean irradiance: where much of
+/// the area is dark, or an outer wall in the sun, the latter says little.
+const AT_PLACES: f64 = 4.0;
 /// Share of the mean area to which small triangles count as large.
 const SMALL: f64 = 1.0 / 16.0;
 /// Halvings of the interval of factors that are looked at: more digits than numbers of rays have.
@@ -47,21 +50,36 @@ impl Known {
     }
 }
 
-/// Sums over the area: of standard errors, and of irradiance.
-pub fn mean_error(receivers: &[Known], rays: impl Fn(usize) -> f64) -> f64 {
-    let errors: f64 = receivers.iter().enumerate().map(|(i, of)| of.area * of.error(rays(i))).sum();
-    let all: f64 = receivers.iter().map(|of| of.area * of.irradiance).sum();
-    if all > 0.0 { errors / all } else { 0.0 }
+/// Means over the area of standard errors: relative to mean irradiance, and to that of each place.
+pub fn mean_errors(receivers: &[Known], rays: impl Fn(usize) -> f64) -> [f64; 2] {
+    let mean = mean_irradiance(receivers);
+    let [mut area, mut of_all, mut of_places] = [0.0; 3];
+    for (i, of) in receivers.iter().enumerate().filter(|(_, of)| of.area > 0.0) {
+        let error = of.area * of.error(rays(i));
+        area += of.area;
+        of_all += error;
+        of_places += error / of.irradiance.max(DARK * mean).max(f64::MIN_POSITIVE);
+    }
+    if mean > 0.0 { [of_all / mean / area, of_places / area] } else { [0.0; 2] }
+}
+
+/// Mean over the area.
+pub fn mean_irradiance(receivers: &[Known]) -> f64 {
+    let [mut area, mut sum] = [0.0; 2];
+    for of in receivers {
+        area += of.area;
+        sum += of.area * of.irradiance;
+    }
+    if area > 0.0 { sum / area } else { 0.0 }
 }
 
 /// Numbers of rays for a mean standard error of irradiance relative to its mean, `most` in all: no fewer than there are.
 pub fn rays(receivers: &[Known], wanted: f64, most: u64) -> Vec<u32> {
-    let area: f64 = receivers.iter().map(|of| of.area).sum();
-    let mean = receivers.iter().map(|of| of.area * of.irradiance).sum::<f64>() / area.max(f64::MIN_POSITIVE);
+    let (area, mean) = (receivers.iter().map(|of| of.area).sum::<f64>(), mean_irradiance(receivers));
     let lit = receivers.iter().filter(|of| of.area > 0.0).count().max(1);
     let least_area = SMALL * area / lit as f64;
     let weight = |of: &Known| {
-        let relative = of.deviation / (of.irradiance + DARK * mean).max(f64::MIN_POSITIVE);
+        let relative = of.deviation / of.irradiance.max(DARK * mean).max(f64::MIN_POSITIVE);
         if of.area > 0.0 { (of.area.max(least_area) * relative).powf(2.0 / 3.0) } else { 0.0 }
     };
     let weights = parallel::map(receivers, weight);
@@ -80,7 +98,11 @@ pub fn rays(receivers: &[Known], wanted: f64, most: u64) -> Vec<u32> {
     let all = |factor: f64| (0..receivers.len()).map(|i| u64::from(rays(i, factor))).sum::<u64>();
     // Not so many that there are too many, and else enough.
     let enough = |factor: f64| {
-        all(factor) > most || mean_error(receivers, |i| f64::from(rays(i, factor))) <= wanted
+        let small = || {
+            let [of_all, of_places] = mean_errors(receivers, |i| f64::from(rays(i, factor)));
+            of_all <= wanted && of_places <= AT_PLACES * wanted
+        };
+        all(factor) > most || small()
     };
     let (mut few, mut many) = (0.0, f64::from(MOST) * 16.0);
     for _ in 0..STEPS {
@@ -123,7 +145,7 @@ mod tests {
             let found = rays(&receivers, 0.02, 1 << 30);
             receivers.iter_mut().zip(found).for_each(|(of, rays)| of.rays = rays);
         }
-        let error = mean_error(&receivers, |i| f64::from(receivers[i].rays));
+        let [error, _] = mean_errors(&receivers, |i| f64::from(receivers[i].rays));
         assert!((0.015..=0.021).contains(&error), "{error}");
     }
 }

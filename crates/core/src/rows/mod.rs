@@ -16,7 +16,7 @@ mod seen;
 
 use crate::plan::{Blocks, NearMatrix, PADDING, Plan, Row, SlicedMatrix};
 use crate::transport::complete_slots;
-use allocation::{FEWEST, Known, mean_error};
+use allocation::{FEWEST, Known, mean_errors, mean_irradiance};
 use antirad_base::parallel;
 use antirad_base::ranks::{RankError, Ranks};
 use antirad_scene::Rays;
@@ -51,6 +51,8 @@ pub struct RayError {
     pub triangles: u64,
     /// Mean over the area, relative to mean irradiance.
     pub mean: f64,
+    /// Mean over the area, relative to irradiance there.
+    pub of_places: f64,
     /// Median over the area, relative to mean irradiance.
     pub median: f64,
     /// Mean over the tenth of the area where it is largest, relative to mean irradiance.
@@ -233,7 +235,8 @@ impl<'a> Traced<'a> {
         let own = |slot: usize| self.of_slot(slot, self.brought[slot][1].sqrt());
         let known: Vec<Known> = (0..self.brought.len()).map(own).filter(|known| known.area > 0.0).collect();
         let area: f64 = known.iter().map(|of| of.area).sum();
-        let mean = known.iter().map(|of| of.area * of.irradiance).sum::<f64>() / area.max(f64::MIN_POSITIVE);
+        let mean = mean_irradiance(&known);
+        let [of_all, of_places] = mean_errors(&known, |i| f64::from(known[i].rays));
         let error = |of: &Known| of.error(f64::from(of.rays));
         let mut sorted: Vec<[f64; 2]> = known.iter().map(|of| [error(of), of.area]).collect();
         sorted.sort_unstable_by(|a, b| b[0].total_cmp(&a[0]));
@@ -257,7 +260,8 @@ impl<'a> Traced<'a> {
         RayError {
             rays: known.iter().map(|of| u64::from(of.rays)).sum(),
             triangles: known.len() as u64,
-            mean: mean_error(&known, |i| f64::from(known[i].rays)),
+            mean: of_all,
+            of_places,
             median: relative(beyond(0.5)[0]),
             worst_tenth: relative(beyond(0.1)[1]),
             of_triangles,
