@@ -5,7 +5,7 @@ mod support;
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::scene::{
-    Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice,
+    Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport, VisibilityChoice,
 };
 use antirad::target_error::usual_plan;
 use antirad::warnings::cut_for_rays;
@@ -144,27 +144,24 @@ fn a_closed_sphere_loses_nothing() {
     finish(&backend);
 }
 
-/// Means of irradiance over all of each triangle, what is covered included, W/m².
-fn plain_means(engine: &Engine, solution: &Solution) -> Vec<[f64; 3]> {
-    let of = |(i, h): (usize, &[f64; 3])| h.map(|h| h * engine.plan().openness().share(i));
-    solution.irradiance.iter().enumerate().map(of).collect()
-}
-
 #[test]
 fn both_ways_agree_where_both_are_right() {
     let backend = backend();
     let scene = load("scenes/cornell_boxes.toml");
     let truth = read_npy("tests/data/cornell_boxes.irradiance.npy");
-    let (engine, solution) = solve(&backend, &scene, &explicit(&scene));
-    let error = relative_l2(&plain_means(&engine, &solution), &truth, &areas(&scene));
+    let (_, solution) = solve(&backend, &scene, &explicit(&scene));
+    // Half of it is under a box.
+    let [own, path_traced] = [solution.irradiance[237][0], truth[237][0]];
+    assert!((own / path_traced - 1.0).abs() <= 0.2, "{own} in place of {path_traced}");
+    let error = relative_l2(&solution.irradiance, &truth, &areas(&scene));
     println!("cornell_boxes: relative L2 {:.3} %", 100.0 * error);
     assert!(error <= 0.01, "{error}");
     // Two rooms, one lit by the other; a floor that is glossy.
     for (name, bound) in [("two_rooms", 0.02), ("glossy_floor", 0.02)] {
         let scene = load(&format!("scenes/{name}.toml"));
         let (_, implicit) = solve(&backend, &scene, &scene.settings.visibility(VisibilityChoice::Implicit));
-        let (engine, own) = solve(&backend, &scene, &explicit(&scene));
-        let difference = relative_l2(&plain_means(&engine, &own), &implicit.irradiance, &areas(&scene));
+        let (_, own) = solve(&backend, &scene, &explicit(&scene));
+        let difference = relative_l2(&own.irradiance, &implicit.irradiance, &areas(&scene));
         println!("{name}: {:.3} %", 100.0 * difference);
         assert!(difference <= bound, "{name}: {difference}");
     }
@@ -243,7 +240,7 @@ fn light_on_backs_has_not_escaped() {
     finish(&backend);
 }
 
-/// A sheet that lies on half of a board does not change the light of the other half, and that is what the board sends: straight from a lamp, and by
+/// A sheet that lies on half of a board does not change the light of the other half, so that the board receives half, straight from a lamp and by
 /// rays.
 #[test]
 fn covered_parts_do_not_darken_the_others() {
@@ -267,10 +264,9 @@ fn covered_parts_do_not_darken_the_others() {
             (0..scene.triangles.len()).filter(of_board).map(|i| solution.irradiance[i][0]).collect::<Vec<_>>()
         });
         assert_eq!((open.len(), covered.len()), (2, 2));
-        for (open, covered) in open.iter().zip(&covered) {
-            println!("{lamps:?}: {open} W/m², {covered} W/m² half covered");
-            assert!((covered / open - 1.0).abs() <= 0.15, "{covered}, {open} without the sheet");
-        }
+        let [open, covered]: [f64; 2] = [open, covered].map(|of| of.iter().sum());
+        println!("{lamps:?}: {open} W/m², {covered} W/m² half covered");
+        assert!((covered / open - 0.5).abs() <= 0.06, "{covered}, {open} without the sheet");
     }
     finish(&backend);
 }
@@ -377,6 +373,57 @@ fn positions_have_implicit_visibility_alone() {
     assert!(!chosen.transport().is_explicit());
 }
 
+/// The same rows on any number of threads, for any derivatives, and after a change of materials.
+#[test]
+fn rows_depend_on_the_scene_alone() {
+    let scene = plant(60);
+    let settings = explicit(&scene);
+    let on = |threads: usize, request: GradientRequest| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| {
+            let backend = antirad::backend::Backend::cpu();
+            let plan = plan(&scene, &settings, request).expect("a plan");
+            let mut engine = Engine::new(&backend, &scene, plan).expect("an engine");
+            let first = engine.solve(&SolveParams::from(&settings)).expect("a solution");
+            let mut darker = scene.clone();
+            darker.materials.iter_mut().for_each(|material| material.albedo = [0.2; 3]);
+            engine.set_materials(&darker).expect("materials");
+            engine.set_materials(&scene).expect("materials");
+            let again = engine.solve(&SolveParams::from(&settings)).expect("a solution");
+            assert_eq!(first.irradiance, again.irradiance);
+            (first.irradiance, engine.ray_error().cloned())
+        })
+    };
+    let one = on(1, GradientRequest::default());
+    assert!(one == on(3, GradientRequest::default()), "on three threads");
+    let (_, error) = on(2, GradientRequest::default().albedo(true));
+    assert_eq!(error, one.1);
+}
+
+/// What the engine says of the error of its rays is what it is, beside many more rays.
+#[test]
+fn rays_know_their_error() {
+    for scene in [load("scenes/cornell_boxes.toml"), plant(60), pile()] {
+        let solved = |error: f64| {
+            let settings = explicit(&scene).transport(Transport::Hierarchical { error });
+            let backend = antirad::backend::Backend::cpu();
+            let (engine, solution) = solve(&backend, &scene, &settings.lamps(Lamps::Exact));
+            (engine.ray_error().cloned().expect("rays"), solution.irradiance)
+        };
+        let ((error, some), (least, many)) = (solved(0.01), solved(0.001));
+        let grey = |rgb: &[f64; 3]| rgb.iter().sum::<f64>() / 3.0;
+        let areas = areas(&scene);
+        let mean = |of: &dyn Fn(usize) -> f64| -> f64 {
+            areas.iter().enumerate().map(|(i, area)| area * of(i)).sum::<f64>() / areas.iter().sum::<f64>()
+        };
+        let measured = mean(&|i| (grey(&some[i]) - grey(&many[i])).powi(2)).sqrt();
+        let told = mean(&|i| error.of_triangles[i].powi(2) + least.of_triangles[i].powi(2)).sqrt();
+        println!("{}: {measured:.3e} W/m², told {told:.3e}, {} rays", scene.name, error.of_each());
+        assert!((measured / told - 1.0).abs() <= 0.3, "{}: {measured}, told {told}", scene.name);
+        assert!(error.mean <= 0.0105, "{}: {}", scene.name, error.mean);
+    }
+}
+
 #[test]
 fn rooms_and_statues_stay_implicit() {
     for name in ["cornell_boxes", "two_rooms", "glossy_floor", "closed_box", "statue", "coarse_cornell"] {
@@ -391,7 +438,14 @@ fn a_budget_that_is_too_small_is_refused() {
     let scene = plant(60);
     let options = PlanOptions::default().memory_budget(1 << 20);
     let refused = Plan::new(&scene, &options, &explicit(&scene)).expect_err("1 MiB");
-    assert!(matches!(refused, PlanError::OverBudget { .. }), "{refused}");
+    assert!(matches!(refused, PlanError::OverBudget { .. } | PlanError::TooManyRays { .. }), "{refused}");
+    // The plan says what rows may take, and what would do.
+    let options = PlanOptions::default();
+    let planned = Plan::new(&scene, &options, &explicit(&scene)).expect("a plan").memory().total();
+    let refused = Plan::new(&scene, &options.memory_budget(planned - 1), &explicit(&scene)).expect_err("a byte less");
+    assert!(refused.to_string().contains(&format!("--memory-budget {planned}")), "{refused}");
+    let engine = Engine::builder(antirad::backend::Backend::cpu(), &scene).settings(explicit(&scene)).build();
+    assert!(engine.expect("an engine").plan().memory().total() <= planned);
     // By itself it is not chosen where it does not fit.
     let scene = plant(400);
     let options =

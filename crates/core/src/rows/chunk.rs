@@ -26,6 +26,9 @@ pub struct Receiver {
     all: f64,
     squares: f64,
     moments: [Moments; 2],
+    /// Rays of the last look, and what one of each quarter of them brought on average.
+    last: u32,
+    quarters: [f64; 4],
     /// First of its rows, and their number.
     first: u32,
     count: u32,
@@ -40,6 +43,11 @@ pub struct Brought {
     pub variance: f64,
     /// How many rays of equal weight tell as much as one.
     pub effective: f64,
+    /// Rays of the last look.
+    pub last: f64,
+    /// Squares of half the difference of the halves of these, and of the quarters of the halves on average.
+    pub halves: f64,
+    pub quarters: f64,
 }
 
 impl Chunk {
@@ -58,8 +66,13 @@ impl Chunk {
         let mut sums = seen.sums();
         for receiver in &self.receivers {
             let rays = wanted(receiver.slot).max(receiver.rays);
+            if rays == receiver.rays {
+                longer.add(&self, *receiver, &Found::default());
+                continue;
+            }
             let found = seen.look(&mut sums, receiver.slot, receiver.rays..rays, radiance);
-            longer.add(&self, Receiver { rays, ..*receiver }, &found);
+            let last = rays - receiver.rays;
+            longer.add(&self, Receiver { rays, last, quarters: found.quarters, ..*receiver }, &found);
         }
         longer.rows.shrink_to_fit();
         longer.columns.shrink_to_fit();
@@ -127,7 +140,12 @@ impl Chunk {
                 }
                 Some(deviations) => (per_ray * per_ray * f64::from(receiver.rays) * deviations, 1.0),
             };
-            (receiver, Brought { irradiance, variance, effective })
+            let [a, b, c, d] = receiver.quarters;
+            let square = |difference: f64| (PI * difference).powi(2);
+            let halves = square((a + b - c - d) / 4.0);
+            let quarters = 0.5 * (square((a - b) / 2.0) + square((c - d) / 2.0));
+            let last = f64::from(receiver.last);
+            (receiver, Brought { irradiance, variance, effective, last, halves, quarters })
         })
     }
 }

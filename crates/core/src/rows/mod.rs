@@ -32,6 +32,9 @@ const BOUNCES: u32 = 4;
 /// Neighbours in the order of slots, on both sides, whose deviations tell what few rays of a triangle may have missed.
 const BESIDE: usize = 4;
 
+/// Share of the square of an error that twice as many rays leave at least, as far as it is believed.
+const LEAST_LEFT: f64 = 0.3;
+
 /// The light for which rows are traced, by triangle, as the mean of its channels.
 pub struct Light {
     /// Radiance that leaves a triangle for others, but for what it reflects of them.
@@ -75,10 +78,9 @@ struct Traced<'a> {
     plan: &'a Plan,
     light: &'a Light,
     chunks: Vec<Chunk>,
-    /// By slot: radiance, irradiance from other triangles, variance of what a ray brings, rays, and how many of equal weight tell as much as
-    /// one.
+    /// By slot: radiance; rays, and the numbers of what they bring ([`Brought`]).
     radiance: Vec<f64>,
-    brought: Vec<[f64; 4]>,
+    brought: Vec<[f64; 7]>,
 }
 
 /// Traces rows until the error is as planned. All ranks call it.
@@ -118,7 +120,7 @@ pub fn trace(
         traced.look()?;
     }
     let error = traced.error();
-    let rays_of = |slot: u32| traced.brought[slot as usize][2] as u32;
+    let rays_of = |slot: u32| traced.brought[slot as usize][0] as u32;
     let others = plan.options.gradients.any() && plan.options.ranks > 1;
     let all = others.then(|| {
         // The rows of own sources are columns of what their receivers, of any rank, receive.
@@ -151,7 +153,7 @@ fn extended(
 
 impl<'a> Traced<'a> {
     fn new(ranks: &'a Ranks, plan: &'a Plan, light: &'a Light) -> Self {
-        let brought = vec![[0.0; 4]; plan.layout.slots() as usize];
+        let brought = vec![[0.0; 7]; plan.layout.slots() as usize];
         let mut traced = Self { ranks, plan, light, chunks: Vec::new(), radiance: Vec::new(), brought };
         traced.begin();
         traced.radiance = traced.reflected();
@@ -173,11 +175,12 @@ impl<'a> Traced<'a> {
     /// Finds the light by the rows of now.
     fn look(&mut self) -> Result<(), RankError> {
         for _ in 0..BOUNCES {
-            let of_chunk = |chunk: &Chunk| -> Vec<(u32, [f64; 4])> {
+            let of_chunk = |chunk: &Chunk| -> Vec<(u32, [f64; 7])> {
                 let brought = chunk.brought(&self.radiance);
                 let values = |(receiver, brought): (&chunk::Receiver, Brought)| {
-                    let Brought { irradiance, variance, effective } = brought;
-                    (receiver.slot, [irradiance, variance, f64::from(receiver.rays), effective])
+                    let Brought { irradiance, variance, effective, last, halves, quarters } = brought;
+                    let rays = f64::from(receiver.rays);
+                    (receiver.slot, [rays, irradiance, variance, effective, last, halves, quarters])
                 };
                 brought.map(values).collect()
             };
@@ -193,7 +196,7 @@ impl<'a> Traced<'a> {
     /// The radiance of slots.
     fn reflected(&self) -> Vec<f64> {
         let Light { emitted, albedo, .. } = self.light;
-        let of_slot = |(&triangle, &[irradiance, ..]): (&u32, &[f64; 4])| match triangle {
+        let of_slot = |(&triangle, &[_, irradiance, ..]): (&u32, &[f64; 7])| match triangle {
             PADDING => 0.0,
             i => emitted[i as usize] + albedo[i as usize] / PI * irradiance,
         };
@@ -203,7 +206,7 @@ impl<'a> Traced<'a> {
     /// What is known of the receivers of all slots.
     fn known(&self) -> Vec<Known> {
         let order = &self.plan.layout.order;
-        let deviations: Vec<f64> = self.brought.iter().map(|of| of[1].sqrt()).collect();
+        let deviations: Vec<f64> = self.brought.iter().map(|of| of[2].sqrt()).collect();
         let deviation = |slot: usize| {
             let beside = slot.saturating_sub(BESIDE)..(slot + BESIDE + 1).min(order.len());
             // The median: small triangles at lamps see a hundred times as much vary.
@@ -211,34 +214,60 @@ impl<'a> Traced<'a> {
             beside.sort_unstable_by(f64::total_cmp);
             let usual = beside.get(beside.len() / 2).copied().unwrap_or_default();
             let missed = (usual - deviations[slot]).max(0.0);
-            deviations[slot] + missed * f64::from(FEWEST) / self.brought[slot][2].max(f64::from(FEWEST))
+            deviations[slot] + missed * f64::from(FEWEST) / self.brought[slot][0].max(f64::from(FEWEST))
         };
-        (0..order.len()).map(|slot| self.of_slot(slot, deviation(slot))).collect()
+        let gain = self.gain();
+        (0..order.len()).map(|slot| self.of_slot(slot, deviation(slot), gain)).collect()
     }
 
-    fn of_slot(&self, slot: usize, deviation: f64) -> Known {
-        let [irradiance, _, rays, effective] = self.brought[slot];
+    /// How much less than random rays those of Sobol' err, as a factor, and the power of their number by which that falls.
+    ///
+    /// The mean of a sequence is that of its halves, and theirs are those of its quarters. With errors that fall by the same factor r of
+    /// the square from each to the next, differences of halves have r of the square of those of quarters, and the mean an error of r / (1 - r)
+    /// of the square of the former. Rows tell little of it one by one, but well together.
+    fn gain(&self) -> [f64; 2] {
+        let [mut random, mut of_halves, mut of_quarters] = [0.0; 3];
+        for (&triangle, of) in self.plan.layout.order.iter().zip(&self.brought) {
+            let &[_, _, variance, _, last, halves, quarters] = of;
+            if triangle != PADDING && variance > 0.0 && last > 0.0 {
+                let error = (variance / last).sqrt();
+                let area = self.plan.facets[triangle as usize].area;
+                random += area * error;
+                of_halves += area * halves / error;
+                of_quarters += area * quarters / error;
+            }
+        }
+        if random <= 0.0 || of_quarters <= 0.0 {
+            return [1.0, 0.5];
+        }
+        let falls = (of_halves / of_quarters).clamp(LEAST_LEFT, 0.5);
+        [(of_halves / random * falls / (1.0 - falls)).sqrt(), -0.5 * falls.log2()]
+    }
+
+    /// What is known of the receiver of a slot, with what a ray brings deviating so much.
+    fn of_slot(&self, slot: usize, deviation: f64, [gain, falls]: [f64; 2]) -> Known {
+        let [rays, irradiance, _, effective, ..] = self.brought[slot];
         let triangle = self.plan.layout.order[slot];
-        if triangle == PADDING {
+        if triangle == PADDING || rays == 0.0 {
             return Known::default();
         }
         Known {
             area: self.plan.facets[triangle as usize].area,
             irradiance: irradiance + self.light.direct[triangle as usize],
-            deviation,
+            error: gain * deviation / (effective * rays).sqrt(),
             rays: rays as u32,
-            effective,
+            falls,
         }
     }
 
     fn error(&self) -> RayError {
-        let own = |slot: usize| self.of_slot(slot, self.brought[slot][1].sqrt());
+        let gain = self.gain();
+        let own = |slot: usize| self.of_slot(slot, self.brought[slot][2].sqrt(), gain);
         let known: Vec<Known> = (0..self.brought.len()).map(own).filter(|known| known.area > 0.0).collect();
         let area: f64 = known.iter().map(|of| of.area).sum();
         let mean = mean_irradiance(&known);
         let [of_all, of_places] = mean_errors(&known, |i| f64::from(known[i].rays));
-        let error = |of: &Known| of.error(f64::from(of.rays));
-        let mut sorted: Vec<[f64; 2]> = known.iter().map(|of| [error(of), of.area]).collect();
+        let mut sorted: Vec<[f64; 2]> = known.iter().map(|of| [of.error, of.area]).collect();
         sorted.sort_unstable_by(|a, b| b[0].total_cmp(&a[0]));
         // The error where so much of the area has a larger one, and the mean over that.
         let beyond = |share: f64| {
@@ -255,7 +284,7 @@ impl<'a> Traced<'a> {
         let relative = |error: f64| if mean > 0.0 { error / mean } else { 0.0 };
         let mut of_triangles = vec![0.0; self.plan.facets.len()];
         for (slot, &triangle) in self.plan.layout.order.iter().enumerate().filter(|(_, i)| **i != PADDING) {
-            of_triangles[triangle as usize] = error(&own(slot));
+            of_triangles[triangle as usize] = own(slot).error;
         }
         RayError {
             rays: known.iter().map(|of| u64::from(of.rays)).sum(),

@@ -32,6 +32,8 @@ pub struct Found {
     pub squares: f64,
     /// What rays in all directions bring of the light of now, and those that are aimed.
     pub moments: [Moments; 2],
+    /// What a ray of each quarter of the sequence brings on average.
+    pub quarters: [f64; 4],
 }
 
 /// Sums over rays.
@@ -150,16 +152,24 @@ impl<'a> Seen<'a> {
             let brought = hit.as_ref().map_or(0.0, |hit| hit.weight * radiance[hit.slot as usize]);
             found.moments[usize::from(at.is_some())].add(brought);
             hits.extend(hit);
+            brought
         };
-        let (seed, Range { start, end }) = (receiver as u64, numbers);
-        let aimed = if aim.is_some() { start / EVERY..end / EVERY } else { 0..0 };
-        let others = if aim.is_some() { start - aimed.start..end - aimed.end } else { start..end };
-        for (origin, towards) in from_front(&facets[receiver], seed, others) {
-            trace(origin, towards, None);
+        let (seed, facet, count) = (receiver as u64, &facets[receiver], numbers.len() as u32);
+        let mut quarters = [0.0; 4];
+        for (quarter, k) in quarters.iter_mut().zip(0..) {
+            let [start, end] = [k, k + 1].map(|k| numbers.start + k * count / 4);
+            let aimed = if aim.is_some() { start / EVERY..end / EVERY } else { 0..0 };
+            let others = if aim.is_some() { start - aimed.start..end - aimed.end } else { start..end };
+            let mut sum = 0.0;
+            for (origin, towards) in from_front(facet, seed, others) {
+                sum += trace(origin, towards, None);
+            }
+            for (origin, towards, at) in aim.iter().flat_map(|aim| aim.rays(facet, seed, aimed.clone())) {
+                sum += trace(origin, towards, Some(at));
+            }
+            *quarter = sum / f64::from((end - start).max(1));
         }
-        for (origin, towards, at) in aim.iter().flat_map(|aim| aim.rays(&facets[receiver], seed, aimed.clone())) {
-            trace(origin, towards, Some(at));
-        }
+        found.quarters = quarters;
         hits.sort_unstable_by_key(|hit| hit.slot);
         (hits, found)
     }
