@@ -60,7 +60,7 @@ pub struct RayError {
     pub median: f64,
     /// Mean over the tenth of the area where it is largest, relative to mean irradiance.
     pub worst_tenth: f64,
-    /// Of each triangle, as the mean of channels, W/m².
+    /// Of the irradiance of each triangle, as the mean of channels, W/m².
     #[serde(skip)]
     pub of_triangles: Vec<f64>,
 }
@@ -252,7 +252,8 @@ impl<'a> Traced<'a> {
             return Known::default();
         }
         Known {
-            area: self.plan.facets[triangle as usize].area,
+            // That which receives so much.
+            area: self.plan.openness.share(triangle as usize) * self.plan.facets[triangle as usize].area,
             irradiance: irradiance + self.light.direct[triangle as usize],
             error: gain * deviation / (effective * rays).sqrt(),
             rays: rays as u32,
@@ -284,7 +285,8 @@ impl<'a> Traced<'a> {
         let relative = |error: f64| if mean > 0.0 { error / mean } else { 0.0 };
         let mut of_triangles = vec![0.0; self.plan.facets.len()];
         for (slot, &triangle) in self.plan.layout.order.iter().enumerate().filter(|(_, i)| **i != PADDING) {
-            of_triangles[triangle as usize] = own(slot).error;
+            let i = triangle as usize;
+            of_triangles[i] = self.plan.openness.share(i) * own(slot).error;
         }
         RayError {
             rays: known.iter().map(|of| u64::from(of.rays)).sum(),
