@@ -1,6 +1,10 @@
 //! Files of a crate use each other one way, as layers do. The front of a folder (`mod.rs`, or the file named as it) and what lies in the
 //! folder count as one: files may use the front's definitions, and the front uses its files.
 
+#[path = "support/paths.rs"]
+mod paths;
+
+use paths::{Names, is_name, read, words};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -39,8 +43,6 @@ const KNOWN: [&str; 30] = [
     "scene: mitsuba::transform, mitsuba::values",
 ];
 
-type Names = Vec<String>;
-
 /// What a file says of others.
 #[derive(Default)]
 struct File {
@@ -50,64 +52,6 @@ struct File {
     imports: BTreeMap<String, Names>,
     /// Those that others may use through this file.
     shown: BTreeMap<String, Names>,
-}
-
-/// Names, `::`, and all other signs one by one, without comments and the module of tests.
-fn words(source: &str) -> Vec<&str> {
-    let source = source.split("#[cfg(test)]\nmod tests").next().unwrap_or(source);
-    let mut words = Vec::new();
-    for mut line in source.lines().map(|line| line.split("//").next().unwrap_or("")) {
-        while let Some(first) = line.chars().next() {
-            let of_name = |c: char| c.is_alphanumeric() || c == '_';
-            let length = match first {
-                c if of_name(c) => line.find(|c| !of_name(c)).unwrap_or(line.len()),
-                _ if line.starts_with("::") => 2,
-                c => c.len_utf8(),
-            };
-            if !first.is_whitespace() {
-                words.push(&line[..length]);
-            }
-            line = &line[length..];
-        }
-    }
-    words
-}
-
-fn is_name(word: &str) -> bool {
-    word.starts_with(|c: char| c.is_alphabetic() || c == '_')
-}
-
-/// Reads a path, or the paths of a tree (`a::{b, c::d}`), and returns the words behind it.
-fn read<'a, 'w>(mut words: &'w [&'a str], before: &[&'a str], found: &mut Vec<Names>) -> &'w [&'a str] {
-    let mut path = before.to_vec();
-    loop {
-        match words {
-            ["{", rest @ ..] => {
-                words = rest;
-                while let [word, after @ ..] = words {
-                    words = match *word {
-                        "}" => return after,
-                        word if is_name(word) && word != "as" => read(words, &path, found),
-                        _ => after,
-                    };
-                }
-                return words;
-            }
-            [name, rest @ ..] if is_name(name) => {
-                path.push(name);
-                words = rest;
-            }
-            _ => {}
-        }
-        match words {
-            ["::", rest @ ..] => words = rest,
-            _ => break,
-        }
-    }
-    // `a::{self}` is `a`.
-    path.truncate(path.len() - usize::from(path.len() > 1 && path.ends_with(&["self"])));
-    found.push(path.into_iter().map(str::to_owned).collect());
-    words
 }
 
 fn file(source: &str) -> File {
