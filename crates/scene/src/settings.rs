@@ -172,12 +172,15 @@ pub enum Transport {
 
 impl Transport {
     /// Triangles below which [`Transport::Auto`] takes the exact sum, whose time is then mostly that of close pairs.
+    #[doc(hidden)]
     pub const FEWEST: usize = 4000;
     /// Error that [`Transport::Auto`] allows where none is asked for, half of what an answer may be off: clusters change irradiance by a
     /// third of it or less, as a relative L2 norm.
+    #[doc(hidden)]
     pub const USUAL: f64 = 0.005;
 
     /// [`Transport::Auto`] for a number of triangles and an error asked for; others stay what they are.
+    #[doc(hidden)]
     pub fn within(self, error: f64, triangles: usize) -> Self {
         match self {
             Self::Auto if triangles >= Self::FEWEST => Self::Hierarchical { error },
@@ -186,6 +189,7 @@ impl Transport {
     }
 
     /// [`Transport::Auto`] for a number of triangles where no error is asked for; others stay what they are.
+    #[doc(hidden)]
     pub fn usual(self, triangles: usize) -> Self {
         self.within(Self::USUAL, triangles)
     }
@@ -297,12 +301,14 @@ impl Default for Choice {
 
 impl Choice {
     /// Nothing is open.
+    #[doc(hidden)]
     pub const STATED: Self = Self::Open { bins: false, near_field: false };
 
     /// Checks the target error, if there is one.
     ///
     /// # Errors
     /// Fails if it does not lie between 0 and 1.
+    #[doc(hidden)]
     pub fn check(self) -> Result<(), SceneError> {
         match self {
             Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::SolveSettings {
