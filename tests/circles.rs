@@ -4,7 +4,7 @@
 #[path = "support/paths.rs"]
 mod paths;
 
-use paths::{Names, is_name, read, words};
+use paths::{Names, is_name, read, sources, words};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
@@ -83,21 +83,18 @@ fn file(source: &str) -> File {
 }
 
 /// The files of a folder by the paths of their modules.
-fn files(folder: &Path, of: &str, found: &mut BTreeMap<String, File>) {
-    for entry in fs::read_dir(folder).expect("a folder of sources") {
-        let path = entry.expect("an entry").path();
-        let name = path.file_stem().and_then(|name| name.to_str()).expect("a name");
-        let module = match name {
-            "lib" | "mod" => of.to_owned(),
-            name if of.is_empty() => name.to_owned(),
-            name => format!("{of}::{name}"),
-        };
-        if path.is_dir() {
-            files(&path, &module, found);
-        } else if path.extension().is_some_and(|extension| extension == "rs") && name != "tests" {
-            found.insert(module, file(&fs::read_to_string(&path).expect("a source file")));
+fn files(folder: &Path) -> BTreeMap<String, File> {
+    let module = |path: &Path| {
+        let within = path.strip_prefix(folder).expect("a file of the folder").with_extension("");
+        let names: Vec<&str> = within.iter().map(|name| name.to_str().expect("a name")).collect();
+        match names[..] {
+            [.., "tests"] => None,
+            [ref above @ .., "lib" | "mod"] => Some(above.join("::")),
+            ref names => Some(names.join("::")),
         }
-    }
+    };
+    let files = sources(folder).into_iter();
+    files.filter_map(|(path, source)| Some((module(&path)?, file(&source)))).collect()
 }
 
 /// The file that defines what a path in `from` means, if it is one of the crate's.
@@ -170,9 +167,7 @@ fn files_do_not_need_each_other() {
     for crates in fs::read_dir("crates").expect("the crates") {
         let folder = crates.expect("an entry").path();
         let name = folder.file_name().and_then(|name| name.to_str()).expect("a name").to_owned();
-        let mut all = BTreeMap::new();
-        files(&folder.join("src"), "", &mut all);
-        for circle in circles(&all) {
+        for circle in circles(&files(&folder.join("src"))) {
             found.insert(format!("{name}: {}", circle.into_iter().collect::<Vec<_>>().join(", ")));
         }
     }

@@ -3,32 +3,20 @@
 #[path = "support/paths.rs"]
 mod paths;
 
-use paths::{read, words};
+use paths::{read, sources, without_tests, words};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::PathBuf;
 
 /// The sources of each crate, by the name that paths have for it.
-fn sources() -> BTreeMap<String, Vec<String>> {
-    fn files(folder: &Path, found: &mut Vec<String>) {
-        for entry in fs::read_dir(folder).expect("a folder of sources") {
-            let path = entry.expect("an entry").path();
-            if path.is_dir() {
-                files(&path, found);
-            } else if path.extension().is_some_and(|extension| extension == "rs") {
-                let text = fs::read_to_string(&path).expect("a source file");
-                found.push(text.split("#[cfg(test)]\nmod tests").next().unwrap_or("").to_owned());
-            }
-        }
-    }
-    let crates = fs::read_dir("crates").expect("the crates").map(|entry| entry.expect("an entry").path());
-    let sources = crates.map(|path| {
-        let mut found = Vec::new();
-        files(&path.join("src"), &mut found);
-        let name = path.file_name().and_then(|name| name.to_str()).expect("a name");
-        (format!("antirad_{name}"), found)
-    });
-    sources.collect()
+fn crates() -> BTreeMap<String, Vec<String>> {
+    let folders = fs::read_dir("crates").expect("the crates").map(|entry| entry.expect("an entry").path());
+    let of = |folder: PathBuf| {
+        let name = folder.file_name().and_then(|name| name.to_str()).expect("a name");
+        let files = sources(&folder.join("src")).into_iter();
+        (format!("antirad_{name}"), files.map(|(_, text)| without_tests(&text).to_owned()).collect())
+    };
+    folders.map(of).collect()
 }
 
 /// The names that a root brings in from each crate, with whether its documentation has them.
@@ -91,32 +79,18 @@ fn signatures(sources: &[String], item: &str) -> Vec<String> {
                     continue;
                 }
                 // A signature, or a variant with its fields, up to its end.
-                let ends = |line: &str| line.ends_with(['{', ';', ',']) || line.ends_with('}');
-                let whole = kind == Some("enum") && text.ends_with('{');
-                let first = at - 1;
-                let seen = match kind {
-                    Some("struct") => text.starts_with("pub "),
-                    Some(_) => true,
-                    None => text.starts_with("pub "),
+                let ends: &[char] = match kind {
+                    Some("enum") if text.ends_with('{') => &[],
+                    _ if text.contains("fn ") => &['{', ';', '}'],
+                    _ => &['{', ';', ',', '}'],
                 };
-                match whole {
-                    true => {
-                        while lines.get(at).is_some_and(|line| !line.starts_with("    }")) {
-                            at += 1
-                        }
-                    }
-                    false if text.contains("fn ") => {
-                        while !lines[at - 1].ends_with(['{', ';', '}']) {
-                            at += 1
-                        }
-                    }
-                    false => {
-                        while !ends(lines[at - 1]) {
-                            at += 1
-                        }
-                    }
+                let closes = |at: usize| lines.get(at).is_none_or(|next| next.starts_with("    }"));
+                let first = at - 1;
+                while if ends.is_empty() { !closes(at) } else { !lines[at - 1].ends_with(ends) } {
+                    at += 1;
                 }
-                if seen && !std::mem::take(&mut hidden) {
+                let seen = matches!(kind, Some("enum" | "trait")) || text.starts_with("pub ");
+                if seen && !hidden {
                     add(&lines[first..at].join("\n"), kind == Some("enum"));
                 }
                 hidden = false;
@@ -139,7 +113,7 @@ fn types(sources: &BTreeMap<String, Vec<String>>) -> BTreeSet<&str> {
 
 #[test]
 fn types_in_signatures_have_names() {
-    let sources = sources();
+    let sources = crates();
     let types = types(&sources);
     let root = fs::read_to_string("src/lib.rs").expect("the library");
     let exported = exported(&root);

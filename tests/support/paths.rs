@@ -1,13 +1,32 @@
 //! Paths in sources, read without a compiler.
 
+use std::fs;
+use std::path::{Path, PathBuf};
+
 /// A path: its names in order.
 pub type Names = Vec<String>;
 
+/// The source files in a folder and in those within it, or a file itself, with their texts.
+pub fn sources(path: &Path) -> Vec<(PathBuf, String)> {
+    if path.is_dir() {
+        let entries = fs::read_dir(path).expect("a folder of sources");
+        entries.flat_map(|entry| sources(&entry.expect("an entry").path())).collect()
+    } else if path.extension().is_some_and(|extension| extension == "rs") {
+        vec![(path.to_owned(), fs::read_to_string(path).expect("a source file"))]
+    } else {
+        Vec::new()
+    }
+}
+
+/// A source up to its module of tests.
+pub fn without_tests(source: &str) -> &str {
+    source.split("#[cfg(test)]\nmod tests").next().unwrap_or(source)
+}
+
 /// Names, `::`, and all other signs one by one, without comments and the module of tests.
 pub fn words(source: &str) -> Vec<&str> {
-    let source = source.split("#[cfg(test)]\nmod tests").next().unwrap_or(source);
     let mut words = Vec::new();
-    for mut line in source.lines().map(|line| line.split("//").next().unwrap_or("")) {
+    for mut line in without_tests(source).lines().map(|line| line.split("//").next().unwrap_or("")) {
         while let Some(first) = line.chars().next() {
             let of_name = |c: char| c.is_alphanumeric() || c == '_';
             let length = match first {
