@@ -113,13 +113,15 @@ impl LogPlot {
 
     fn svg(&self) -> String {
         let [x, y] = self.axes();
+        // Texts lie over all else.
+        let mut texts = Vec::new();
         let mut parts = vec![format!(
             r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" font-family="sans-serif" font-size="15">
 <rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>"#
         )];
         let mut text = |x: f64, y: f64, style: &str, text: &str| {
             let text = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
-            parts.push(format!(r#"<text x="{x:.1}" y="{y:.1}" {style}>{text}</text>"#));
+            texts.push(format!(r#"<text x="{x:.1}" y="{y:.1}" {style}>{text}</text>"#));
         };
         let middle = r#"text-anchor="middle" font-size="17""#;
         text(WIDTH / 2.0, 32.0, r#"text-anchor="middle" font-size="24""#, &self.title);
@@ -138,7 +140,6 @@ impl LogPlot {
         for (k, curve) in self.curves.iter().enumerate() {
             text(legend + 38.0, TOP + 13.0 + LINE * (k as f64 + 0.7), "", &curve.label);
         }
-        let texts = parts.split_off(1);
 
         let mut line = |[a, b]: [f64; 2], [c, d]: [f64; 2], stroke: &str| {
             parts.push(format!(r#"<path d="M{a:.1} {b:.1}L{c:.1} {d:.1}" stroke="{stroke}"/>"#));
@@ -158,18 +159,17 @@ impl LogPlot {
         for (k, curve) in self.curves.iter().enumerate() {
             let (colour, row) = (COLOURS[k % COLOURS.len()], TOP + 8.0 + LINE * (k as f64 + 0.7));
             let width = if curve.drawn == Drawn::Line { 1 } else { 2 };
-            let places: Vec<String> =
-                shown(curve).map(|p| format!("{:.1},{:.1}", x.place(p.0), y.place(p.1))).collect();
+            let places: Vec<[f64; 2]> = shown(curve).map(|p| [x.place(p.0), y.place(p.1)]).collect();
             if curve.drawn != Drawn::Points {
-                let points = places.join(" ");
+                let points: Vec<String> = places.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+                let points = points.join(" ");
                 parts.push(format!(
                     r#"<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width}"/>"#
                 ));
             }
             if curve.drawn != Drawn::Line {
-                let circle = |place: &String| {
-                    let (x, y) = place.split_once(',').unwrap_or_default();
-                    format!(r#"<circle cx="{x}" cy="{y}" r="{mark}" fill="{colour}"/>"#)
+                let circle = |[x, y]: &[f64; 2]| {
+                    format!(r#"<circle cx="{x:.1}" cy="{y:.1}" r="{mark}" fill="{colour}"/>"#)
                 };
                 parts.extend(places.iter().map(circle));
             }

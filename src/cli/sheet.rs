@@ -1,6 +1,7 @@
 //! Pictures side by side under captions, and false colours for differences.
 
 use crate::image::{Exposure, ImageError, Picture, ToneMap};
+use antirad_scene::linear_from_srgb;
 use font8x8::legacy::BASIC_LEGACY;
 use glam::DVec3;
 use image::codecs::png::FilterType;
@@ -135,12 +136,9 @@ pub fn signed_heat(share: f64) -> DVec3 {
     linear(colorous::RED_BLUE.eval_continuous((0.5 - 0.5 * share).clamp(0.0, 1.0)))
 }
 
-/// Linear values of an sRGB colour, by the transfer function of IEC 61966-2-1.
+/// Linear values of a colour.
 fn linear(colour: colorous::Color) -> DVec3 {
-    let channel = |byte: u8| match f64::from(byte) / 255.0 {
-        encoded if encoded <= 0.040_45 => encoded / 12.92,
-        encoded => ((encoded + 0.055) / 1.055).powf(2.4),
-    };
+    let channel = |byte: u8| linear_from_srgb(f64::from(byte) / 255.0);
     DVec3::new(channel(colour.r), channel(colour.g), channel(colour.b))
 }
 
