@@ -53,6 +53,10 @@ fn signatures(sources: &[String], item: &str) -> Vec<String> {
         let mut at = 0;
         while let Some(line) = lines.get(at) {
             at += 1;
+            // Nearly all lines are of something else.
+            if !line.contains(item) {
+                continue;
+            }
             let head = words(line);
             let is = |words: &[&str]| head.starts_with(words) && head.get(words.len()) == Some(&item);
             let of_item = head.first() == Some(&"impl") && !head.contains(&"for") && {
