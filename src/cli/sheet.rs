@@ -2,7 +2,7 @@
 
 use crate::image::{Exposure, ImageError, Picture, ToneMap};
 use antirad_scene::linear_from_srgb;
-use font8x8::legacy::BASIC_LEGACY;
+use font8x8::legacy::{BASIC_LEGACY, LATIN_LEGACY};
 use glam::DVec3;
 use image::codecs::png::FilterType;
 use std::path::Path;
@@ -37,8 +37,11 @@ pub struct Sheet {
     pub limit: Option<f64>,
 }
 
-/// Width and height of a letter, pixels: the font has eight rows, each drawn twice.
-const LETTER: [u32; 2] = [8, 16];
+/// Rows and columns of a letter in the font. Its rows are drawn twice.
+const FONT: u32 = 8;
+/// Columns of a letter without a lit pixel, and those that are free behind a letter.
+const BLANK: u32 = 4;
+const FREE: u32 = 1;
 
 /// A text and its upper left corner.
 struct Text {
@@ -85,18 +88,20 @@ impl Sheet {
                 let share = f64::from(k) / 2.0 - 1.0;
                 let text = if k == 2 { "0".to_owned() } else { format!("{:+}", share * limit) };
                 let middle = left + k * length / 4;
-                let at = (middle.saturating_sub(LETTER[0] * text.len() as u32 / 2), top + BAR + 3);
+                let width: u32 = text.chars().map(|of| Letter::new(of).width).sum();
+                let at = (middle.saturating_sub(width / 2), top + BAR + 3);
                 texts.push(Text { text, at });
             }
         }
         for Text { text, at } in &texts {
-            for (k, letter) in (0..).zip(text.chars()) {
-                for (x, y) in lit(letter) {
-                    let (x, y) = (at.0 + k * LETTER[0] + x, at.1 + y);
+            let mut left = at.0;
+            for Letter { lit, width } in text.chars().map(Letter::new) {
+                for (x, y) in lit.into_iter().map(|(x, y)| (left + x, at.1 + y)) {
                     if x < whole.0 && y < whole.1 {
                         pixels[(y * whole.0 + x) as usize] = DVec3::ONE;
                     }
                 }
+                left += width;
             }
         }
         let pixels = pixels.into_iter().map(|p| p.as_vec3().extend(1.0).to_array()).collect();
@@ -106,11 +111,29 @@ impl Sheet {
     }
 }
 
-/// The pixels of a letter that are lit, column and row. What the font does not have is a question mark.
-fn lit(letter: char) -> impl Iterator<Item = (u32, u32)> {
-    let rows = *BASIC_LEGACY.get(letter as usize).unwrap_or(&BASIC_LEGACY['?' as usize]);
-    let places = (0..LETTER[1]).flat_map(|y| (0..LETTER[0]).map(move |x| (x, y)));
-    places.filter(move |&(x, y)| rows[(y / 2) as usize] >> x & 1 == 1)
+/// A letter as wide as what is lit of it.
+struct Letter {
+    /// The pixels that are lit, column and row.
+    lit: Vec<(u32, u32)>,
+    /// Columns to the next letter.
+    width: u32,
+}
+
+impl Letter {
+    /// What the font does not have is a question mark.
+    fn new(of: char) -> Self {
+        let latin = (of as usize).checked_sub(0xa0).and_then(|k| LATIN_LEGACY.get(k));
+        let rows = BASIC_LEGACY.get(of as usize).or(latin).unwrap_or(&BASIC_LEGACY['?' as usize]);
+        let places = (0..2 * FONT).flat_map(|y| (0..FONT).map(move |x| (x, y)));
+        let mut lit: Vec<(u32, u32)> =
+            places.filter(|&(x, y)| rows[(y / 2) as usize] >> x & 1 == 1).collect();
+        let columns = || lit.iter().map(|&(x, _)| x);
+        let (Some(first), Some(last)) = (columns().min(), columns().max()) else {
+            return Self { lit, width: BLANK };
+        };
+        lit.iter_mut().for_each(|(x, _)| *x -= first);
+        Self { lit, width: last - first + 1 + FREE }
+    }
 }
 
 /// The radiance to show as white: the 95th percentile of the pixels that are not black, so that a lamp that fills a few
@@ -167,6 +190,18 @@ mod tests {
         let (blue, red) = (bar(MARGIN), bar(300 - MARGIN - 1));
         assert!(blue[2] > 2 * blue[0] && red[0] > 2 * red[2], "{blue:?} {red:?}");
         assert!(bar(150).iter().all(|value| *value > 220));
+    }
+
+    /// The units of pictures have their squares, and the widest caption of a comparison fits its panel.
+    #[test]
+    fn captions_are_whole() {
+        let lit = |of: char| Letter::new(of).lit;
+        assert!(['²', '|', 'W', 'é'].into_iter().all(|of| !lit(of).is_empty() && lit(of) != lit('?')));
+        assert_eq!((lit('漢'), lit(' ')), (lit('?'), Vec::new()));
+        let width = |text: &str| text.chars().map(|of| Letter::new(of).width).sum::<u32>();
+        for caption in ["target, white = 0.261 W/(m² sr)", "|difference|, to 1.2e-10 W/(m² sr)"] {
+            assert!(width(caption) <= LEAST_WIDTH - 8, "{}", width(caption));
+        }
     }
 
     #[test]
