@@ -64,7 +64,7 @@ pub mod scene {
         BinLayout, Camera, CameraSet, Choice, Distortion, Focal, Frame, Intrinsics, LampFactor, Lamps, Lens,
         LoadOptions, Material, Mesh, Movable, Normalization, Orient, Origin, Painting, Patterns, Precision,
         Projection, Scene, SceneBuilder, SceneError, Shape, Similarity, Sky, SolveSettings, SolverChoice,
-        Sun, TextureRefined, Transport, Triangle, VisibilityChoice,
+        Sun, TextureRefined, Triangle, VisibilityChoice,
     };
 }
 
