@@ -12,7 +12,7 @@ use antirad_core::{Engine, EngineError};
 use antirad_scene::{Scene, SolveSettings};
 
 /// Share of the target error that each cause may have before something is done about it: bins and near field, the mesh. The squares of both
-/// and of clusters are then four fifths of that of the target.
+/// are then seven tenths of that of the target.
 const PART: f64 = 0.6;
 
 /// Most steps: what has not come down to the target by then will not.
