@@ -4,106 +4,22 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// Each layer, and all that it may use. The graph has no cycles: a layer stands below those that it uses.
-const LAYERS: [(&str, &[&str]); 30] = [
-    ("options", &[]),
-    ("watch", &[]),
-    ("parallel", &[]),
-    ("input", &[]),
-    ("output", &[]),
-    ("scene", &["input", "options", "output", "parallel"]),
-    ("model", &["parallel", "scene"]),
-    ("solve", &[]),
-    ("ranks", &["parallel"]),
-    ("usage", &[]),
-    ("gpu", &["input", "options", "output", "ranks", "usage", "watch"]),
-    ("direct", &["gpu", "model", "parallel", "ranks", "scene"]),
-    ("plan", &["direct", "model", "options", "parallel", "scene"]),
-    ("backend", &["gpu", "options", "ranks", "scene", "usage", "watch"]),
-    ("shaders", &["gpu", "scene"]),
-    (
-        "transport",
-        &[
-            "backend", "direct", "gpu", "model", "parallel", "plan", "ranks", "scene", "shaders", "solve",
-            "usage",
-        ],
-    ),
-    ("revision", &[]),
-    (
-        "engine",
-        &[
-            "backend",
-            "direct",
-            "gpu",
-            "model",
-            "options",
-            "plan",
-            "ranks",
-            "revision",
-            "scene",
-            "solve",
-            "transport",
-        ],
-    ),
-    ("gradients", &["direct", "engine", "model", "options", "plan", "ranks", "scene", "solve", "transport"]),
-    ("image", &["backend", "gpu", "input", "options", "output", "parallel", "ranks", "scene", "shaders"]),
-    ("export", &["output", "scene"]),
-    ("path_tracer", &["image", "parallel", "scene"]),
-    ("reference", &["model", "parallel", "scene", "solve"]),
-    ("warnings", &["direct", "model", "options", "parallel", "path_tracer", "plan", "scene"]),
-    (
-        "shading",
-        &[
-            "direct",
-            "engine",
-            "gpu",
-            "gradients",
-            "image",
-            "model",
-            "parallel",
-            "plan",
-            "ranks",
-            "scene",
-            "solve",
-        ],
-    ),
-    (
-        "render",
-        &["backend", "engine", "gradients", "image", "options", "plan", "ranks", "scene", "shading", "solve"],
-    ),
-    (
-        "target_error",
-        &["backend", "engine", "image", "model", "options", "plan", "scene", "shading", "solve", "warnings"],
-    ),
-    (
-        "fit",
-        &[
-            "backend",
-            "engine",
-            "export",
-            "gpu",
-            "gradients",
-            "image",
-            "input",
-            "options",
-            "output",
-            "parallel",
-            "plan",
-            "ranks",
-            "render",
-            "scene",
-            "shading",
-            "solve",
-            "warnings",
-            "watch",
-        ],
-    ),
-    ("ambiguity", &["backend", "engine", "image", "parallel", "plan", "scene", "solve", "watch"]),
-    (
-        "cli",
-        &["backend", "engine", "fit", "gpu", "image", "output", "plan", "scene", "shading", "solve", "watch"],
-    ),
-];
+/// Each layer, and all that it may use, by the graph of ARCHITECTURE.md.
+fn layers() -> Vec<(String, Vec<String>)> {
+    let text = fs::read_to_string("ARCHITECTURE.md").expect("ARCHITECTURE.md");
+    let (_, section) = text.split_once("### Dependencies").expect("a section on dependencies");
+    let names = |list: &str| list.split(',').map(|name| name.trim().to_owned()).collect::<Vec<_>>();
+    let rows = section.lines().skip_while(|line| !line.starts_with("    "));
+    rows.take_while(|line| line.starts_with("    "))
+        .flat_map(|line| match line.split_once('→') {
+            Some((name, uses)) => vec![(name.trim().to_owned(), names(uses))],
+            None => {
+                let free = line.strip_suffix("(nothing)").expect("an arrow, or `(nothing)`");
+                names(free).into_iter().map(|name| (name, Vec::new())).collect()
+            }
+        })
+        .collect()
+}
 
 /// The crates that hold several layers, one for each file or folder of their `src/`. The others are one layer each.
 const SEVERAL: [&str; 3] = ["base", "core", "render"];
@@ -184,7 +100,7 @@ fn sources(path: &Path, found: &mut Vec<(String, String)>) {
 #[test]
 fn arrows_go_one_way() {
     let packages = ["base", "gpu", "scene", "core", "render", "reference", "fit"];
-    let allowed: BTreeMap<&str, &[&str]> = LAYERS.into_iter().collect();
+    let allowed: BTreeMap<String, Vec<String>> = layers().into_iter().collect();
     let mut wrong = Vec::new();
     let folders = packages.map(|package| (package, format!("crates/{package}/src")));
     for (package, folder) in folders.into_iter().chain([("cli", "src/cli".to_owned())]) {
@@ -208,7 +124,7 @@ fn arrows_go_one_way() {
                 for (root, prefix) in roots.into_iter().chain([(own, "crate::".to_owned())]) {
                     for used in used(&text, &prefix) {
                         let layer = layer_of(root, &used);
-                        if layer != name && !uses.contains(&layer) {
+                        if layer != name && uses.iter().all(|used| used != layer) {
                             wrong.push(format!("{file}: {name} may not use {layer} ({prefix}{used})"));
                         }
                     }
@@ -221,11 +137,13 @@ fn arrows_go_one_way() {
 
 #[test]
 fn the_graph_has_no_cycles() {
-    let position: BTreeMap<&str, usize> =
-        LAYERS.iter().enumerate().map(|(i, (name, _))| (*name, i)).collect();
-    for (name, uses) in LAYERS {
+    let layers = layers();
+    for (i, (name, uses)) in layers.iter().enumerate() {
         for used in uses {
-            assert!(position[used] < position[name], "{name} uses {used}, which stands below it");
+            assert!(
+                layers[..i].iter().any(|(below, _)| below == used),
+                "{name} uses {used}, which must stand above it in ARCHITECTURE.md"
+            );
         }
     }
 }

@@ -1,11 +1,9 @@
 //! Pictures side by side under captions, and false colours for differences.
 
-use super::register_font;
 use crate::image::{Exposure, ImageError, Picture, ToneMap};
+use font8x8::legacy::BASIC_LEGACY;
 use glam::DVec3;
 use image::codecs::png::FilterType;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::Path;
 
 /// Height of the line of text above each panel, and space between panels, pixels.
@@ -38,11 +36,13 @@ pub struct Sheet {
     pub limit: Option<f64>,
 }
 
-/// A text and its anchor: the middle of its upper edge, or its upper left corner.
+/// Width and height of a letter, pixels: the font has eight rows, each drawn twice.
+const LETTER: [u32; 2] = [8, 16];
+
+/// A text and its upper left corner.
 struct Text {
     text: String,
     at: (u32, u32),
-    anchor: HPos,
 }
 
 impl Sheet {
@@ -66,7 +66,7 @@ impl Sheet {
             for (column, panel) in panels.iter().enumerate() {
                 let (left, top) = corner(row, column);
                 let at = (left + 4, top - CAPTION + 4);
-                texts.push(Text { text: panel.caption.clone(), at, anchor: HPos::Left });
+                texts.push(Text { text: panel.caption.clone(), at });
                 for (y, x) in (0..high).flat_map(|y| (0..wide).map(move |x| (y, x))) {
                     let from = (y / zoom * self.width + x / zoom) as usize;
                     pixels[((top + y) * whole.0 + left + x) as usize] = panel.pixels[from];
@@ -83,12 +83,20 @@ impl Sheet {
             for k in 0..=4 {
                 let share = f64::from(k) / 2.0 - 1.0;
                 let text = if k == 2 { "0".to_owned() } else { format!("{:+}", share * limit) };
-                let at = (left + k * length / 4, top + BAR + 3);
-                texts.push(Text { text, at, anchor: HPos::Center });
+                let middle = left + k * length / 4;
+                let at = (middle.saturating_sub(LETTER[0] * text.len() as u32 / 2), top + BAR + 3);
+                texts.push(Text { text, at });
             }
         }
-        for (pixel, text) in pixels.iter_mut().zip(draw(&texts, whole)) {
-            *pixel = pixel.max(DVec3::splat(text));
+        for Text { text, at } in &texts {
+            for (k, letter) in (0..).zip(text.chars()) {
+                for (x, y) in lit(letter) {
+                    let (x, y) = (at.0 + k * LETTER[0] + x, at.1 + y);
+                    if x < whole.0 && y < whole.1 {
+                        pixels[(y * whole.0 + x) as usize] = DVec3::ONE;
+                    }
+                }
+            }
         }
         let pixels = pixels.into_iter().map(|p| p.as_vec3().extend(1.0).to_array()).collect();
         let picture = Picture { width: whole.0, height: whole.1, pixels };
@@ -97,21 +105,11 @@ impl Sheet {
     }
 }
 
-/// Brightness of texts, 0 to 1, for a picture of this size.
-fn draw(texts: &[Text], (width, height): (u32, u32)) -> impl Iterator<Item = f64> {
-    register_font();
-    let mut pixels = vec![0; (3 * width * height) as usize];
-    {
-        let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
-        for Text { text, at, anchor } in texts {
-            let style = ("sans-serif", 15).into_font().color(&WHITE).pos(Pos::new(*anchor, VPos::Top));
-            // A picture without its text is better than none.
-            if let Err(error) = area.draw_text(text, &style, (at.0 as i32, at.1 as i32)) {
-                tracing::debug!("no caption: {error}");
-            }
-        }
-    }
-    (0..(width * height) as usize).map(move |at| f64::from(pixels[3 * at]) / 255.0)
+/// The pixels of a letter that are lit, column and row. What the font does not have is a question mark.
+fn lit(letter: char) -> impl Iterator<Item = (u32, u32)> {
+    let rows = *BASIC_LEGACY.get(letter as usize).unwrap_or(&BASIC_LEGACY['?' as usize]);
+    let places = (0..LETTER[1]).flat_map(|y| (0..LETTER[0]).map(move |x| (x, y)));
+    places.filter(move |&(x, y)| rows[(y / 2) as usize] >> x & 1 == 1)
 }
 
 /// The radiance to show as white: the 95th percentile of the pixels that are not black, so that a lamp that fills a few

@@ -404,7 +404,6 @@ fn results_are_files_that_are_the_same_every_time() {
         "albedo.npy",
         "emission.npy",
         "history.csv",
-        "loss.png",
         "loss.svg",
         "parameters.json",
         "relight.toml",

@@ -223,12 +223,14 @@ impl Default for Choice {
 
 impl Choice {
     /// Nothing is open.
+    #[doc(hidden)]
     pub const STATED: Self = Self::Open { bins: false, near_field: false };
 
     /// Checks the target error, if there is one.
     ///
     /// # Errors
     /// Fails if it does not lie between 0 and 1.
+    #[doc(hidden)]
     pub fn check(self) -> Result<(), SceneError> {
         match self {
             Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::SolveSettings {

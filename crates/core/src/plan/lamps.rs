@@ -136,6 +136,7 @@ pub fn has_direct_lamps(scene: &Scene) -> bool {
 
 impl Plan {
     /// Whether kernels trace the rays that lamps are sampled with.
+    #[doc(hidden)]
     pub fn traces_lamps(&self) -> bool {
         let surfaces = self.lamps.iter().all(|lamp| lamp.sun().is_none());
         let sampled = self.visibility == Visibility::Sampled && !self.lamps.is_empty();

@@ -57,16 +57,22 @@ pub struct PlanOptions {
     /// Bytes that all buffers together may take.
     pub memory_budget: u64,
     /// Largest buffer that a kernel can bind, bytes.
+    #[doc(hidden)]
     pub max_buffer: u64,
     /// Bytes of staging buffers for transfers; the plan uses fewer where memory is short.
+    #[doc(hidden)]
     pub staging: u64,
     /// Bytes of the budget to reserve for pictures.
+    #[doc(hidden)]
     pub pictures: u64,
     /// Triangles per tile: 32 or 64.
+    #[doc(hidden)]
     pub tile: u32,
     /// Largest page of state, bytes; at most `max_buffer`.
+    #[doc(hidden)]
     pub page: u64,
     /// Whether to omit pairs of tiles that cannot exchange light.
+    #[doc(hidden)]
     pub cull: bool,
     /// Which triangles block light.
     pub occlusion: Occlusion,
@@ -74,38 +80,52 @@ pub struct PlanOptions {
     pub gradients: GradientRequest,
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
     /// most of the near field of all others.
+    #[doc(hidden)]
     pub keep_near_field: bool,
     /// Whether kernels evaluate the near field in a hundredth of that time, so that it is kept for derivatives alone: those are asked for
     /// many times of one plan.
+    #[doc(hidden)]
     pub fast_near_field: bool,
     /// The backend that executes the plan.
     pub backend: BackendKind,
     /// Whether its kernels trace rays to lamps: direct light then comes by rays, unless stated otherwise or differentiated by positions.
+    #[doc(hidden)]
     pub trace_lamps: bool,
     /// Number of this process among those that solve the scene together, from 0.
     pub rank: u32,
     /// How many processes solve the scene together: each computes its share of every pass.
     pub ranks: u32,
     /// How much of the work each of them does.
+    #[doc(hidden)]
     pub weights: RankWeights,
 }
 
 setters!(PlanOptions {
     memory_budget: u64,
+    #[doc(hidden)]
     max_buffer: u64,
+    #[doc(hidden)]
     staging: u64,
+    #[doc(hidden)]
     pictures: u64,
+    #[doc(hidden)]
     tile: u32,
+    #[doc(hidden)]
     page: u64,
+    #[doc(hidden)]
     cull: bool,
     occlusion: Occlusion,
     gradients: GradientRequest,
+    #[doc(hidden)]
     keep_near_field: bool,
+    #[doc(hidden)]
     fast_near_field: bool,
     backend: BackendKind,
+    #[doc(hidden)]
     trace_lamps: bool,
     rank: u32,
     ranks: u32,
+    #[doc(hidden)]
     weights: RankWeights,
 });
 
@@ -123,6 +143,7 @@ pub enum Occlusion {
 
 impl PlanOptions {
     /// Without limits of memory: for plans that are inspected and never run.
+    #[doc(hidden)]
     pub fn boundless(self) -> Self {
         Self { memory_budget: u64::MAX, max_buffer: u64::MAX, keep_near_field: false, ..self }
     }
@@ -135,6 +156,7 @@ impl PlanOptions {
     }
 
     /// The options of lavapipe, the Vulkan driver for CPUs: a heap of 2 GiB, 128 MiB per storage buffer.
+    #[doc(hidden)]
     pub fn lavapipe() -> Self {
         Self {
             memory_budget: 2 << 30,
@@ -513,6 +535,7 @@ impl Plan {
     }
 
     /// The direction bins of triangles that have some.
+    #[doc(hidden)]
     pub fn bins(&self) -> &Bins {
         &self.bins
     }
@@ -524,6 +547,7 @@ impl Plan {
     }
 
     /// Triangles in the engine's coordinates; index = triangle of the scene.
+    #[doc(hidden)]
     pub fn facets(&self) -> &[Facet] {
         &self.facets
     }
@@ -572,6 +596,7 @@ impl Plan {
     }
 
     /// The solver chosen for the budget.
+    #[doc(hidden)]
     pub fn solver(&self) -> PlannedSolver {
         self.solver
     }
@@ -608,6 +633,7 @@ impl Plan {
 
     /// Number of states: those of the solver and, if gradients are planned, the solution, which is held during the
     /// adjoint solve.
+    #[doc(hidden)]
     pub fn vectors(&self) -> u32 {
         self.solver.vectors() + u32::from(self.options.gradients.any())
     }

@@ -116,60 +116,83 @@ pub struct StatesReport {
     pub bytes_moved_per_pass: u64,
 }
 
-/// Summary of a plan, as text and JSON.
+/// Summary of a plan, as text and JSON; the keys of the JSON are what `antirad plan --json` prints.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PlanReport {
     /// The backend that executes it.
+    #[doc(hidden)]
     pub backend: BackendKind,
     /// Number of triangles with an area.
+    #[doc(hidden)]
     pub triangles: usize,
     /// Number of triangles without area, which are omitted.
+    #[doc(hidden)]
     pub degenerate: usize,
     /// 3, or 1 for a scene without colour.
     pub(crate) channels: u32,
     /// The layout of directions ("8x16"), or "none" where nothing has bins.
+    #[doc(hidden)]
     pub bins: String,
     /// The solver, with the length of its basis.
+    #[doc(hidden)]
     pub solver: String,
     /// All pairs, or rays: how many of a triangle, and why.
+    #[doc(hidden)]
     pub transport: String,
     /// Whether the near field is kept as a matrix, and why not.
+    #[doc(hidden)]
     pub near_field: String,
     /// What is modelled of each class of triangles.
+    #[doc(hidden)]
     pub classes: Vec<ClassReport>,
     /// How the light that comes straight from emitters is computed.
+    #[doc(hidden)]
     pub lamps: LampsReport,
     /// Triangles per tile.
+    #[doc(hidden)]
     pub tile: u32,
     /// Number of tiles.
+    #[doc(hidden)]
     pub tiles: u32,
     /// Number of groups with bins, one page each.
+    #[doc(hidden)]
     pub pages: usize,
     /// Pairs of triangles per pass.
+    #[doc(hidden)]
     pub pairs: PairReport,
     /// How lobes are computed.
+    #[doc(hidden)]
     pub lobes: LobeReport,
     /// Residency of the states, and the transfers this causes.
+    #[doc(hidden)]
     pub states: StatesReport,
     /// Bytes by label.
+    #[doc(hidden)]
     pub memory: Vec<MemoryItem>,
     /// Bytes of all labels.
+    #[doc(hidden)]
     pub memory_total: u64,
     /// Memory budget, bytes.
+    #[doc(hidden)]
     pub memory_budget: u64,
     /// All memory but staging, per triangle with an area.
+    #[doc(hidden)]
     pub bytes_per_triangle: f64,
     /// Least and most passes that similar scenes were seen to take, from albedo, solver and tolerance. Uniformly lit
     /// scenes take fewer; scenes that create light (interpenetrating objects) may take more.
+    #[doc(hidden)]
     pub estimated_passes: [f64; 2],
     /// Rough time for the least number of passes, on two idle cores: of the CPU backend, or of lavapipe.
+    #[doc(hidden)]
     pub estimated_seconds: f64,
     /// Rough time for the largest number of passes, on two idle cores: of the CPU backend, or of lavapipe.
+    #[doc(hidden)]
     pub estimated_seconds_at_most: f64,
 }
 
 impl Plan {
     /// Counts pairs.
+    #[doc(hidden)]
     pub fn pairs(&self) -> PairReport {
         let real = |slots: &[u32]| slots.iter().filter(|&&i| i != PADDING).count() as u64;
         let of_tile: Vec<u64> = self.layout.order.chunks(self.layout.tile as usize).map(real).collect();
@@ -254,6 +277,7 @@ impl Plan {
     }
 
     /// Seconds that rays would take in place of antiradiance.
+    #[doc(hidden)]
     pub fn seconds_of_rays(&self) -> f64 {
         self.facets.len() as f64 * f64::from(rays_for(self.settings.ray_error)) / RAYS
     }

@@ -192,7 +192,14 @@ mod tests {
 
         pub fn save(name: &str, picture: &DynamicImage, format: ImageFormat) -> Self {
             let file = Self::new(name);
-            picture.save_with_format(&file.0, format).expect("written");
+            match (picture, format) {
+                (DynamicImage::ImageRgb32F(floats), ImageFormat::Tiff) => {
+                    let numbers = floats.as_raw();
+                    std::fs::write(&file.0, tiff([floats.width(), floats.height()], numbers))
+                        .expect("written");
+                }
+                _ => picture.save_with_format(&file.0, format).expect("written"),
+            }
             file
         }
 
@@ -205,6 +212,33 @@ mod tests {
         fn drop(&mut self) {
             let _ = std::fs::remove_file(&self.0);
         }
+    }
+
+    /// RGB floats in one strip, little-endian, not compressed.
+    fn tiff([width, height]: [u32; 2], numbers: &[f32]) -> Vec<u8> {
+        let (short, long) = (3u16, 4u16);
+        let (bits, formats, strip) = (134, 140, 146);
+        let entries = [
+            (256u16, long, 1u32, width),
+            (257, long, 1, height),
+            (258, short, 3, bits),
+            (259, short, 1, 1),
+            (262, short, 1, 2),
+            (273, long, 1, strip),
+            (277, short, 1, 3),
+            (278, long, 1, height),
+            (279, long, 1, 4 * numbers.len() as u32),
+            (339, short, 3, formats),
+        ];
+        let mut data = b"II\x2a\0\x08\0\0\0\x0a\0".to_vec();
+        for (tag, kind, count, value) in entries {
+            data.extend([tag, kind].into_iter().flat_map(u16::to_le_bytes));
+            data.extend([count, value].into_iter().flat_map(u32::to_le_bytes));
+        }
+        data.extend([0; 4]);
+        data.extend([32u16, 32, 32, 3, 3, 3].into_iter().flat_map(u16::to_le_bytes));
+        data.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+        data
     }
 
     /// EXIF data, little-endian: an orientation, and 1/50 s at f/4 and ISO 800.
@@ -234,9 +268,12 @@ mod tests {
         let picture =
             ::image::RgbImage::from_fn(32, 16, |x, y| Rgb([if x < 8 && y < 8 { 255 } else { 0 }; 3]));
         let mut bytes = Vec::new();
-        let mut encoder = JpegEncoder::new_with_quality(&mut bytes, 100);
-        encoder.set_exif_metadata(exif_data(orientation)).expect("EXIF data");
+        let encoder = JpegEncoder::new_with_quality(&mut bytes, 100);
         encoder.write_image(&picture, 32, 16, ::image::ExtendedColorType::Rgb8).expect("encoded");
+        // EXIF data are a segment APP1 behind the marker of the start.
+        let data = [b"Exif\0\0", &exif_data(orientation)[..]].concat();
+        let length = (data.len() + 2) as u16;
+        bytes.splice(2..2, [&[0xff, 0xe1], &length.to_be_bytes()[..], &data].concat());
         let file = Written::new(&format!("turned{orientation}.jpg"));
         std::fs::write(&file.0, bytes).expect("written");
         file
