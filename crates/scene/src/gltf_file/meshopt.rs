@@ -137,7 +137,8 @@ mod tests {
 
     /// A view of each mode, its compressed data, and what they decode to.
     fn views() -> [(Compressed, Vec<u8>, Vec<u8>); 4] {
-        let rows: Vec<[u32; 2]> = (0..300).map(|k| [k * k % 65521, k / 17 << 16 | k / 40 * 5]).collect();
+        let rows: Vec<[u32; 2]> =
+            (0..300).map(|k| [k * k % 65521, ((k / 17) << 16) | (k / 40 * 5)]).collect();
         let attributes = encode_vertex_buffer_level(&rows, 2, Some(0)).expect("rows");
         let matrices: Vec<[u32; 16]> = (0..20).map(|k| std::array::from_fn(|i| i as u32 * k)).collect();
         let matrix_data = encode_vertex_buffer_level(&matrices, 2, Some(0)).expect("matrices");
