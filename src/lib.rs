@@ -63,7 +63,7 @@ pub mod scene {
     pub use antirad_scene::{
         BinLayout, Camera, CameraSet, Choice, Frame, Lamps, LoadOptions, Material, Mesh, Movable,
         Normalization, Orient, Painting, Precision, Scene, SceneBuilder, SceneError, Shape, Sky,
-        SolveSettings, SolverChoice, Sun, Transport, Triangle, VisibilityChoice,
+        SolveSettings, SolverChoice, Sun, Triangle, VisibilityChoice,
     };
     // For the tool and the Python package.
     #[doc(hidden)]

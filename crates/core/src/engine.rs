@@ -602,8 +602,7 @@ impl Engine {
 
     /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
     /// first, except for held solutions; compiled kernels stay with the device. Where only vertices have moved, direct light is
-    /// sampled at the same points of each triangle, and clusters are kept as [`ClusterChoice`](crate::plan::ClusterChoice) says, so that
-    /// results are smooth functions of the vertices.
+    /// sampled at the same points of each triangle, so that results are smooth functions of the vertices.
     ///
     /// # Errors
     /// Fails if the scene is invalid or cannot be planned within the memory budget, or if the backend fails.
@@ -611,9 +610,8 @@ impl Engine {
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
         let Self { backend, operators, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
-        let choice = operators.plan().choice().cloned();
         drop(operators);
-        let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
+        let plan = Plan::new(scene, &options, &settings)?;
         let lamps = lamps_of(scene, &plan.lamps);
         let light = direct.light.relit(&lamps).filter(|light| light.receivers() == plan.facets.len());
         // What is explicit looks around anew.

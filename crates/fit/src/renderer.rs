@@ -118,23 +118,10 @@ pub trait Renderer {
         None
     }
 
-    /// Drops what earlier pictures left behind but for what was chosen ([`Self::choose`]), so that the next do not depend on them, not even
+    /// Drops what earlier pictures left behind, so that the next do not depend on them, not even
     /// within rounding.
     #[doc(hidden)]
     fn forget(&mut self) {}
-
-    /// How often [`Self::pictures`] has chosen what stands for far triangles
-    /// ([`ClusterChoice`](antirad_core::plan::ClusterChoice)): pictures depend on that within the error allowed.
-    #[doc(hidden)]
-    fn choices(&self) -> u64 {
-        0
-    }
-
-    /// Drops what was chosen, and chooses it for a scene, if one is given. Pictures keep it as long as it serves.
-    #[doc(hidden)]
-    fn choose(&mut self, _scene: Option<&Scene>) -> Result<(), RenderError> {
-        Ok(())
-    }
 
     /// Whether visibility has become explicit, as the first scene asked for.
     #[doc(hidden)]

@@ -72,9 +72,7 @@ pub use painting::Painting;
 pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
 pub use relight::LampFactor;
-pub use settings::{
-    BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, VisibilityChoice,
-};
+pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, VisibilityChoice};
 pub use shapes::Shape;
 pub use sky::Sky;
 pub use sun::Sun;

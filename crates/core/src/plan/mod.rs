@@ -1,9 +1,7 @@
 //! Planning, before any device is used: the class and order of triangles, the tiles that exchange light, and the
 //! memory and pairs that a solve takes. Pure host code.
 
-mod choice;
 mod error;
-mod far_field;
 mod gradient_request;
 mod interactions;
 mod lamps;
@@ -19,7 +17,6 @@ mod visibility;
 mod weights;
 
 pub use crate::model::PADDING;
-pub use choice::ClusterChoice;
 pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
@@ -41,7 +38,7 @@ pub use visibility::is_explicit;
 pub use weights::RankWeights;
 
 use crate::direct::{Lamp, Openness, Visibility};
-use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
+use crate::model::{Bins, Class, Facet, classify, spatial_order};
 use antirad_base::setters;
 use antirad_scene::{
     BackendKind, Precision, Scene, SolveSettings, SolverChoice, Sun, VisibilityChoice, bounds,
@@ -82,8 +79,7 @@ pub struct PlanOptions {
     /// Kinds of derivatives to plan for.
     pub gradients: GradientRequest,
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
-    /// most of the near field of all others. The CPU then keeps what passes between far triangles, too, if that takes a small part of the
-    /// budget.
+    /// most of the near field of all others.
     #[doc(hidden)]
     pub keep_near_field: bool,
     /// Whether kernels evaluate the near field in a hundredth of that time, so that it is kept for derivatives alone: those are asked for
@@ -286,9 +282,6 @@ impl PlannedSolver {
 
 /// The longest Krylov basis worth its memory: rooms need 10 to 14 passes for 1e-4.
 pub(crate) const LONGEST_RESTART: u32 = 16;
-/// Length of the Krylov basis for each digit of the tolerance where clusters stand for triangles: a pass
-/// takes little time there, and the basis is most of the memory.
-const RESTART_PER_DIGIT: f64 = 2.6;
 /// The shortest one that is still faster than the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
@@ -329,13 +322,10 @@ pub struct Plan {
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
     pub(crate) transport: PlannedTransport,
-    choice: Option<Arc<ClusterChoice>>,
     pub(crate) lobes: PlannedLobes,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
     pub(crate) near_field: NearField,
-    /// Whether far pairs are kept from pass to pass.
-    keeps_far: bool,
     /// How open the parts of triangles lie, where visibility is explicit: it weights what they receive.
     pub(crate) openness: Arc<Openness>,
     pub(crate) shares: Shares,
@@ -352,23 +342,7 @@ impl Plan {
     /// Fails if the scene, the settings or the options are invalid, or if the plan fits neither the memory
     /// budget nor 32-bit indices.
     pub fn new(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
-        Self::following(scene, options, settings, None)
-    }
-
-    /// Plans a solve of a scene with the clusters of an earlier plan ([`Self::choice`]), as long as they
-    /// serve.
-    ///
-    /// # Errors
-    /// Fails if the scene, the settings or the options are invalid, or if the plan fits neither the memory
-    /// budget nor 32-bit indices.
-    #[doc(hidden)]
-    pub fn following(
-        scene: &Scene,
-        options: &PlanOptions,
-        settings: &SolveSettings,
-        before: Option<&Arc<ClusterChoice>>,
-    ) -> Result<Self, PlanError> {
-        let plan = Self::as_stated(scene, options, settings, before);
+        let plan = Self::as_stated(scene, options, settings);
         let automatic = settings.visibility == VisibilityChoice::Auto;
         match plan {
             // What rays find may not fit where antiradiance and exact shadows do.
@@ -377,18 +351,13 @@ impl Plan {
             {
                 let implicit = settings.visibility(VisibilityChoice::Implicit);
                 let settings = if automatic { &implicit } else { settings };
-                Self::as_stated(scene, &options.trace_lamps(false), settings, before)
+                Self::as_stated(scene, &options.trace_lamps(false), settings)
             }
             plan => plan,
         }
     }
 
-    fn as_stated(
-        scene: &Scene,
-        options: &PlanOptions,
-        settings: &SolveSettings,
-        before: Option<&Arc<ClusterChoice>>,
-    ) -> Result<Self, PlanError> {
+    fn as_stated(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
         scene.validate()?;
         settings.check()?;
         if !TILES.contains(&options.tile) {
@@ -409,7 +378,7 @@ impl Plan {
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
         let transport = match visibility::why_explicit(&facets, settings, options)? {
-            Some(why) => PlannedTransport::Rays { rays: transport::rays_for(settings.transport), why },
+            Some(why) => PlannedTransport::Rays { rays: transport::rays_for(settings.ray_error), why },
             None => PlannedTransport::default(),
         };
         let explicit = transport.is_explicit();
@@ -431,19 +400,7 @@ impl Plan {
         // A loss may have colour in a scene without.
         let channels = if is_grey(scene) && !options.gradients.any() { 1 } else { 3 };
 
-        let anew = ClusterChoice::of(scene, (placement, &facets), &classes, &lamps, (options, settings));
-        let anew = anew.filter(|_| !explicit);
-        let kept = before.zip(anew.as_ref()).filter(|(before, anew)| before.serves(anew));
-        let (choice, order) = match kept {
-            Some((before, _)) => {
-                classes.clone_from(&before.classes);
-                (Some(before.clone()), before.order.clone())
-            }
-            None => {
-                let order = spatial_order(&facets);
-                (anew.map(|anew| Arc::new(ClusterChoice { order: order.clone(), ..anew })), order)
-            }
-        };
+        let order = spatial_order(&facets);
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }
@@ -465,12 +422,10 @@ impl Plan {
             layout,
             interactions: Interactions::default(),
             transport,
-            choice: None,
             lobes,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             near_field: NearField::default(),
-            keeps_far: false,
             openness: Arc::default(),
             shares: Shares::default(),
             staging: options.staging,
@@ -478,29 +433,38 @@ impl Plan {
             reflectance: Reflectance::of(scene),
         };
         plan.lobes.matrices = plan.affordable_lobes();
-        plan.choose_transport(choice.as_ref())?;
+        plan.choose_pairs()?;
+        plan.choose_solver()?;
         if plan.residency != Residency::Device {
             // Windows have cut groups anew.
             plan.shares = Shares::of(&plan);
         }
         plan.choose_near_field(scene)?;
-        plan.choose_far_field();
         Ok(plan)
+    }
+
+    /// Finds the pairs that exchange light: none where it goes by rays.
+    fn choose_pairs(&mut self) -> Result<(), PlanError> {
+        self.cut_for_ranks();
+        let by_source = self.options.gradients.any();
+        let Self { layout, facets, classes, settings, options, .. } = &*self;
+        let half_range = 0.5 * settings.near_field;
+        self.interactions = match self.transport {
+            PlannedTransport::Rays { .. } => Interactions::none(layout, by_source)?,
+            PlannedTransport::AllPairs => {
+                Interactions::new(layout, facets, classes, half_range, options.cull, by_source)?
+            }
+        };
+        Ok(())
     }
 
     /// Chooses the longest basis that fits the budget, or the fixed point; if neither fits, states on the host, or an
     /// error with the number of bytes required.
     fn choose_solver(&mut self) -> Result<(), PlanError> {
         let wanted: Vec<PlannedSolver> = {
-            let longest = match self.clusters() {
-                None => LONGEST_RESTART,
-                Some(_) => {
-                    let wanted = (-RESTART_PER_DIGIT * self.settings.tolerance.log10()).ceil();
-                    (wanted as u32).clamp(SHORTEST_RESTART, LONGEST_RESTART)
-                }
+            let bases = |shortest: u32| {
+                (shortest..=LONGEST_RESTART).rev().map(|restart| PlannedSolver::Gmres { restart })
             };
-            let bases =
-                |shortest: u32| (shortest..=longest).rev().map(|restart| PlannedSolver::Gmres { restart });
             match self.settings.solver {
                 SolverChoice::FixedPoint => vec![PlannedSolver::FixedPoint],
                 SolverChoice::Gmres => bases(1).collect(),
@@ -554,39 +518,10 @@ impl Plan {
         &self.interactions
     }
 
-    /// The clusters that stand for far triangles, if any.
-    #[doc(hidden)]
-    pub fn clusters(&self) -> Option<&Clusters> {
-        self.interactions.clusters.as_ref()
-    }
-
-    /// The choice of clusters, with the triangles and the light that they are chosen for; `None` without
-    /// clusters.
-    #[doc(hidden)]
-    pub fn choice(&self) -> Option<&Arc<ClusterChoice>> {
-        self.choice.as_ref()
-    }
-
-    /// Whether clusters would still be chosen alike for the light of a scene with the same triangles.
-    #[doc(hidden)]
-    pub fn is_lit_by(&self, scene: &Scene) -> bool {
-        self.choice.as_ref().is_none_or(|choice| choice.is_lit_by(scene, &self.facets, &self.lamps))
-    }
-
-    /// Whether clusters stand for far triangles, and why not.
+    /// Whether light passes between all pairs, or by rays.
     #[doc(hidden)]
     pub fn transport(&self) -> PlannedTransport {
         self.transport
-    }
-
-    /// Number of slots and clusters.
-    pub(crate) fn sources(&self) -> u32 {
-        self.layout.slots() + self.clusters().map_or(0, Clusters::count)
-    }
-
-    /// Number of volume clusters.
-    pub(crate) fn volumes(&self) -> u32 {
-        self.clusters().and_then(Clusters::volumes).map_or(0, |volumes| volumes.parts().len() as u32)
     }
 
     /// The options that the plan was made with.
@@ -757,10 +692,9 @@ impl Plan {
         memory::RGB * self.settings.precision.bytes()
     }
 
-    /// Bytes of the diffuse radiance of all sources, of the first moments of clusters, and of what dispatches bind past the last.
+    /// Bytes of the diffuse radiance of all slots, and of what dispatches bind past the last.
     pub(crate) fn radiance_bytes(&self) -> u64 {
-        let moments = 3 * self.clusters().map_or(0, Clusters::count);
-        u64::from(self.sources() + moments + self.partner_padding()) * self.rgb_bytes()
+        u64::from(self.layout.slots() + self.partner_padding()) * self.rgb_bytes()
     }
 
     /// Whether glossy triangles reflect the light of lamps that does not take part in U.
