@@ -5,11 +5,11 @@ mod support;
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad::scene::{
-    Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport, VisibilityChoice,
+    Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice,
 };
 use antirad::target_error::usual_plan;
 use antirad::warnings::cut_for_rays;
-use antirad::{Cotangent, Engine, Solution, SolveParams};
+use antirad::{Cotangent, Engine, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
 use support::random::{Random, scattered};
 use support::{areas, backend, finish, implementations, load, mean, placed, read_npy, relative_l2, solve};
@@ -405,7 +405,7 @@ fn rows_depend_on_the_scene_alone() {
 fn rays_know_their_error() {
     for scene in [load("scenes/cornell_boxes.toml"), plant(60), pile()] {
         let solved = |error: f64| {
-            let settings = explicit(&scene).transport(Transport::Hierarchical { error });
+            let settings = explicit(&scene).ray_error(error);
             let backend = antirad::backend::Backend::cpu();
             let (engine, solution) = solve(&backend, &scene, &settings.lamps(Lamps::Exact));
             (engine.ray_error().cloned().expect("rays"), solution.irradiance)
@@ -417,7 +417,8 @@ fn rays_know_their_error() {
             areas.iter().enumerate().map(|(i, area)| area * of(i)).sum::<f64>() / areas.iter().sum::<f64>()
         };
         // Mean deviations of normal distributions are so much less than their standard deviations.
-        let measured = mean(&|i| (grey(&some[i]) - grey(&many[i])).abs()) * std::f64::consts::FRAC_PI_2.sqrt();
+        let measured =
+            mean(&|i| (grey(&some[i]) - grey(&many[i])).abs()) * std::f64::consts::FRAC_PI_2.sqrt();
         let told = mean(&|i| error.of_triangles[i].hypot(least.of_triangles[i]));
         println!("{}: {measured:.3e} W/m², told {told:.3e}, {} rays", scene.name, error.of_each());
         assert!((measured / told - 1.0).abs() <= 0.3, "{}: {measured}, told {told}", scene.name);
@@ -443,7 +444,8 @@ fn a_budget_that_is_too_small_is_refused() {
     // The plan says what rows may take, and what would do.
     let options = PlanOptions::default();
     let planned = Plan::new(&scene, &options, &explicit(&scene)).expect("a plan").memory().total();
-    let refused = Plan::new(&scene, &options.memory_budget(planned - 1), &explicit(&scene)).expect_err("a byte less");
+    let refused =
+        Plan::new(&scene, &options.memory_budget(planned - 1), &explicit(&scene)).expect_err("a byte less");
     assert!(refused.to_string().contains(&format!("--memory-budget {planned}")), "{refused}");
     let engine = Engine::builder(antirad::backend::Backend::cpu(), &scene).settings(explicit(&scene)).build();
     assert!(engine.expect("an engine").plan().memory().total() <= planned);

@@ -14,8 +14,8 @@ use crate::transport::{self, Operators, PassCallback, State, TransportError};
 use antirad_base::ranks::RankError;
 use antirad_base::setters;
 use antirad_gpu::GpuError;
-use antirad_scene::{Movable, Rays};
 use antirad_scene::{BackendKind, BinLayout, Material, Precision, Scene, SceneError, SolveSettings};
+use antirad_scene::{Movable, Rays};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::fmt;
@@ -43,6 +43,7 @@ pub enum EngineError {
     #[error(
         "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a bug in antirad"
     )]
+    #[doc(hidden)]
     Miscounted {
         /// Label of the buffers.
         label: String,
@@ -100,6 +101,7 @@ pub enum EngineError {
         "triangle {triangle} {why}, which was not planned: call Engine::rebuilt, or plan a scene \
          that has it"
     )]
+    #[doc(hidden)]
     BeyondPlan {
         /// Index of the triangle in the scene.
         triangle: usize,
@@ -120,6 +122,7 @@ pub enum EngineError {
          (PlanOptions::of)",
         planned.0 + 1, planned.1, given.0 + 1, given.1
     )]
+    #[doc(hidden)]
     OtherRanks {
         /// Rank of the plan, from 0, and number of ranks.
         planned: (u32, u32),
@@ -152,6 +155,7 @@ pub enum EngineError {
     #[error(
         "sun {sun} has a colour, which was not planned: call Engine::rebuilt, or plan a scene that has it"
     )]
+    #[doc(hidden)]
     ColouredSun {
         /// Its place in [`Scene::suns`], from 0.
         sun: usize,
@@ -175,6 +179,7 @@ pub enum EngineError {
     },
     /// The reduction is not between 0 and 1.
     #[error("the reduction is {reduction}; it must be 0, or above and below 1, such as 0.01")]
+    #[doc(hidden)]
     Reduction {
         /// The reduction given.
         reduction: f64,
@@ -221,10 +226,16 @@ pub struct SolveParams {
     pub max_passes: u32,
     /// Stops, too, where the residual is below this fraction of that of the start: 0 for never. Useful from the solution of a
     /// similar scene, where it is the relative accuracy of the difference.
+    #[doc(hidden)]
     pub reduction: f64,
 }
 
-setters!(SolveParams { tolerance: f64, max_passes: u32, reduction: f64 });
+setters!(SolveParams {
+    tolerance: f64,
+    max_passes: u32,
+    #[doc(hidden)]
+    reduction: f64
+});
 
 impl SolveParams {
     pub(crate) fn check(&self) -> Result<(), EngineError> {
@@ -322,6 +333,7 @@ pub struct Solution {
     /// Negative irradiance.
     pub negative: Negative,
     /// Incident light on the backend, from which the next solve starts.
+    #[doc(hidden)]
     pub state: State,
     arrangement: Arrangement,
     revision: Revision,
@@ -345,6 +357,7 @@ impl EngineError {
     ///
     /// # Errors
     /// Returns the error itself, if it holds no iterate.
+    #[doc(hidden)]
     pub fn into_best(self) -> Result<Box<Solution>, Self> {
         match self {
             Self::Solve(SolveError::NoConvergence { best: Some(best), .. }) => Ok(best),
@@ -353,6 +366,7 @@ impl EngineError {
     }
 
     /// This error without the last iterate of the solver, and so without device memory.
+    #[doc(hidden)]
     pub fn without_best(mut self) -> Self {
         if let Self::Solve(SolveError::NoConvergence { best, .. }) = &mut self {
             *best = None;
@@ -361,6 +375,7 @@ impl EngineError {
     }
 
     /// The error of the device behind this one, if it is one.
+    #[doc(hidden)]
     pub fn of_device(&self) -> Option<&GpuError> {
         match self {
             Self::Gpu(error)
@@ -516,6 +531,7 @@ impl Engine {
     /// # Errors
     /// Fails if the scene is invalid or not that of the plan, if the plan is for another backend or other
     /// ranks, or if the backend lacks memory or a feature.
+    #[doc(hidden)]
     pub fn new(backend: impl Into<Backend>, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         let backend = &backend.into();
         scene.validate()?;
@@ -597,6 +613,7 @@ impl Engine {
     ///
     /// # Errors
     /// Fails as [`Engine::set_materials`] does, except for negative light.
+    #[doc(hidden)]
     pub fn set_linear_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
         scene.validate_linear()?;
         self.replace_materials(scene)
@@ -627,17 +644,16 @@ impl Engine {
 
     /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
     /// first, except for held solutions; compiled kernels stay with the device. Where only vertices have moved, direct light is
-    /// sampled at the same points of each triangle, and clusters are kept as [`ClusterChoice`](crate::plan::ClusterChoice) says, so that
-    /// results are smooth functions of the vertices.
+    /// sampled at the same points of each triangle, so that results are smooth functions of the vertices.
     ///
     /// # Errors
     /// Fails if the scene is invalid or cannot be planned within the memory budget, or if the backend fails.
+    #[doc(hidden)]
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
         let Self { backend, operators, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
-        let choice = operators.plan().choice().cloned();
         drop(operators);
-        let mut plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
+        let mut plan = Plan::new(scene, &options, &settings)?;
         let rays = look_around(scene, &mut plan);
         let lamps = lamps_of(scene, &plan.lamps);
         let light = direct.light.relit(&lamps).filter(|light| light.receivers() == plan.facets.len());
@@ -679,6 +695,7 @@ impl Engine {
     ///
     /// # Errors
     /// Fails as [`Engine::solve`] does, and if `progress` stops the solve.
+    #[doc(hidden)]
     pub fn solve_with(
         &mut self,
         params: &SolveParams,
@@ -816,6 +833,7 @@ impl Engine {
 
     /// Restricts derivatives by positions to those of some vertices, by their indices in the scene: by all others they are zero, and take
     /// little time. `None`, as at first: all vertices.
+    #[doc(hidden)]
     pub fn set_movable(&mut self, vertices: Option<&[u32]>) {
         self.movable = Movable::of(self.vertices, vertices, self.triangles.iter().copied());
     }

@@ -19,5 +19,5 @@ pub mod transport;
 
 pub use engine::{Energy, Engine, EngineError, Negative, Solution, SolveParams};
 pub use engine_builder::EngineBuilder;
-pub use rows::RayError;
 pub use gradients::{Cotangent, Gradients, MaterialGradients};
+pub use rows::RayError;

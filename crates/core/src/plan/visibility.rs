@@ -65,7 +65,8 @@ fn dense_share(facets: &[Facet]) -> f64 {
     };
     let step = facets.len().div_ceil(LOOKED_AT).max(1);
     let looked: Vec<usize> = (0..facets.len()).step_by(step).filter(|&i| facets[i].area > 0.0).collect();
-    let dense = |&i: &usize| from_front(&facets[i], i as u64, 0..EACH).filter(|&ray| is_dense(i, ray)).count();
+    let dense =
+        |&i: &usize| from_front(&facets[i], i as u64, 0..EACH).filter(|&ray| is_dense(i, ray)).count();
     let found: usize = parallel::map(&looked, dense).into_iter().sum();
     found as f64 / (looked.len() * EACH as usize).max(1) as f64
 }

@@ -124,7 +124,8 @@ mod tests {
 
     #[test]
     fn rays_go_where_light_varies() {
-        let receivers = [known(1.0, 1.0, 0.0), known(1.0, 1.0, 0.5), known(1.0, 1.0, 4.0), known(0.0, 0.0, 0.0)];
+        let receivers =
+            [known(1.0, 1.0, 0.0), known(1.0, 1.0, 0.5), known(1.0, 1.0, 4.0), known(0.0, 0.0, 0.0)];
         let found = rays(&receivers, 0.01, 1 << 30);
         assert_eq!((found[0], found[3]), (FEWEST, FEWEST));
         assert!(found[1] > FEWEST && found[1] <= found[2] && found[2] == GROWTH * FEWEST, "{found:?}");

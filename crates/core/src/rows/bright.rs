@@ -48,7 +48,8 @@ impl Bright {
         let of_slot = |(&triangle, &radiance): (&u32, &f64)| {
             (triangle != PADDING).then(|| (triangle as usize, plan.facets[triangle as usize].area, radiance))
         };
-        let all: Vec<(usize, f64, f64)> = plan.layout.order.iter().zip(radiance).filter_map(of_slot).collect();
+        let all: Vec<(usize, f64, f64)> =
+            plan.layout.order.iter().zip(radiance).filter_map(of_slot).collect();
         let moment = |power: i32| all.iter().map(|&(_, area, l)| area * l.powi(power)).sum::<f64>();
         let least = BRIGHT * moment(1) / moment(0).max(f64::MIN_POSITIVE);
         let mut bright: Vec<_> = all.iter().filter(|(.., radiance)| *radiance > least).collect();
@@ -74,7 +75,8 @@ impl Bright {
             let cosines = [towards.dot(receiver.normal), -towards.dot(facet.normal)].map(|c| c.max(0.0));
             // As a disc of its area would be seen from the centre of the receiver.
             let size = facet.area / PI;
-            sum += radiance * facet.area * cosines[0] * cosines[1] / (squared * (squared + size)).max(f64::MIN_POSITIVE);
+            sum += radiance * facet.area * cosines[0] * cosines[1]
+                / (squared * (squared + size)).max(f64::MIN_POSITIVE);
             sum
         });
         let ends: Vec<f64> = sums.collect();

@@ -124,7 +124,8 @@ pub fn trace(
     let others = plan.options.gradients.any() && plan.options.ranks > 1;
     let all = others.then(|| {
         // The rows of own sources are columns of what their receivers, of any rank, receive.
-        let slots: Vec<u32> = (0..plan.layout.slots()).filter(|&s| plan.layout.order[s as usize] != PADDING).collect();
+        let slots: Vec<u32> =
+            (0..plan.layout.slots()).filter(|&s| plan.layout.order[s as usize] != PADDING).collect();
         matrix_of(plan, &blocks, extended(chunks(&slots), &seen, rays_of, &traced.radiance), false)
     });
     let forward = matrix_of(plan, &blocks, std::mem::take(&mut traced.chunks), true);
@@ -210,7 +211,8 @@ impl<'a> Traced<'a> {
         let deviation = |slot: usize| {
             let beside = slot.saturating_sub(BESIDE)..(slot + BESIDE + 1).min(order.len());
             // The median: small triangles at lamps see a hundred times as much vary.
-            let mut beside: Vec<f64> = beside.filter(|&k| order[k] != PADDING).map(|k| deviations[k]).collect();
+            let mut beside: Vec<f64> =
+                beside.filter(|&k| order[k] != PADDING).map(|k| deviations[k]).collect();
             beside.sort_unstable_by(f64::total_cmp);
             let usual = beside.get(beside.len() / 2).copied().unwrap_or_default();
             let missed = (usual - deviations[slot]).max(0.0);

@@ -76,7 +76,12 @@ struct Hit {
 }
 
 impl<'a> Seen<'a> {
-    pub fn new(geometry: &'a Geometry<'a>, blocks: &'a Blocks, rays: &'a Rays, openness: &'a Openness) -> Self {
+    pub fn new(
+        geometry: &'a Geometry<'a>,
+        blocks: &'a Blocks,
+        rays: &'a Rays,
+        openness: &'a Openness,
+    ) -> Self {
         let Geometry { facets, layout, classes, .. } = *geometry;
         let mut slots = vec![PADDING; facets.len()];
         let placed = layout.order.iter().zip(0..).filter(|(triangle, _)| **triangle != PADDING);

@@ -15,8 +15,10 @@ pub struct Answer {
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m², as in [`Solution`].
     pub radiosity: Vec<[f64; 3]>,
     /// Per camera, the radiance of each triangle towards it as [`Engine::face_colours`] returns it, W/(m² sr).
+    #[doc(hidden)]
     pub colours: Vec<Vec<[f64; 3]>>,
     /// What pictures with gathered light are made from.
+    #[doc(hidden)]
     pub light: Light,
     /// Passes, residuals and spectral radius of the solver.
     pub info: SolveInfo,
@@ -41,6 +43,7 @@ impl Answer {
     /// # Errors
     /// Fails if the solution does not belong to the engine, if a camera's position is not finite, or if the
     /// backend fails.
+    #[doc(hidden)]
     pub fn new(
         engine: &mut Engine,
         scene: &Scene,
@@ -53,7 +56,8 @@ impl Answer {
         let colours = colours.collect::<Result<_, _>>()?;
         let light = Light::new(engine, &solution, scene, cameras, reflections)?;
         let Solution { irradiance, radiosity, info, energy, negative, .. } = solution;
-        let (plan, sampling_error, ray_error) = (engine.plan(), engine.sampling_error(), engine.ray_error().cloned());
+        let (plan, sampling_error, ray_error) =
+            (engine.plan(), engine.sampling_error(), engine.ray_error().cloned());
         warnings.measure(scene, plan, &irradiance);
         warnings.list.extend(Warnings::after(scene, plan, &irradiance, info.spectral_radius).list);
         Ok(Self {

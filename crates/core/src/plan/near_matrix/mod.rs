@@ -137,7 +137,8 @@ impl Plan {
         // Directions have bilinear weights.
         let of_a_ray = (1.0 + 4.0 * sources) * (1.0 + 4.0 * receivers);
         let entries = own as f64 * (f64::from(rays) * of_a_ray).min(triangles as f64 * of_a_ray);
-        self.near_field = NearField::Traced { rays: own * u64::from(rays), entries: (FILLED * entries) as u64 };
+        self.near_field =
+            NearField::Traced { rays: own * u64::from(rays), entries: (FILLED * entries) as u64 };
         self.check_near_matrix()
     }
 
@@ -240,12 +241,13 @@ impl Plan {
         let precision = self.settings.precision;
         let per_bin = |row: &Row| self.per_bin(row.index);
         let before = |group: usize| self.before(group);
-        let forward = SlicedMatrix::new(rows, blocks, precision, |row| self.factor_of(blocks, row)).moved(|block| {
-            match block.incident {
-                IncidentPart::Irradiance => 0,
-                IncidentPart::Bins { group } => before(group),
-            }
-        });
+        let forward =
+            SlicedMatrix::new(rows, blocks, precision, |row| self.factor_of(blocks, row)).moved(|block| {
+                match block.incident {
+                    IncidentPart::Irradiance => 0,
+                    IncidentPart::Bins { group } => before(group),
+                }
+            });
         let transposed = self.options.gradients.any().then(|| {
             let turned = match self.options.ranks {
                 1 => rows.transposed(),
@@ -283,8 +285,8 @@ impl Plan {
 
     /// Bins of a group before those that this rank holds.
     fn before(&self, group: usize) -> u32 {
-        let [all, own] =
-            [&self.layout.groups[group], &self.own(group)].map(|group| self.layout.slots_of(&group.tiles).start);
+        let [all, own] = [&self.layout.groups[group], &self.own(group)]
+            .map(|group| self.layout.slots_of(&group.tiles).start);
         (own - all) * self.bins.count() as u32
     }
 

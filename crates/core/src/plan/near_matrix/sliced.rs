@@ -172,12 +172,18 @@ impl SlicedMatrix {
         let count = turned.starts.last().map_or(0, |&end| end as usize * SLICE as usize);
         turned.columns = vec![0; count];
         turned.weights = match &self.weights {
-            Weights::F32(from) => Weights::F32(Arc::new(self.turned(sources, &mut turned.columns, |at, by| {
-                (f64::from(from[at]) * by) as f32
-            }, factor))),
-            Weights::F64(from) => {
-                Weights::F64(Arc::new(self.turned(sources, &mut turned.columns, |at, by| from[at] * by, factor)))
-            }
+            Weights::F32(from) => Weights::F32(Arc::new(self.turned(
+                sources,
+                &mut turned.columns,
+                |at, by| (f64::from(from[at]) * by) as f32,
+                factor,
+            ))),
+            Weights::F64(from) => Weights::F64(Arc::new(self.turned(
+                sources,
+                &mut turned.columns,
+                |at, by| from[at] * by,
+                factor,
+            ))),
         };
         turned
     }
