@@ -27,6 +27,7 @@ impl Avx2 {
         among: Among,
         ray: &Ray,
         limit: f64,
+        skip: impl Fn(u32) -> bool,
         call: impl FnMut(u32, Hit) -> Option<f64>,
     ) {
         #[target_feature(enable = "avx2,fma")]
@@ -35,12 +36,13 @@ impl Avx2 {
             among: Among,
             ray: &Ray,
             limit: f64,
+            skip: impl Fn(u32) -> bool,
             call: impl FnMut(u32, Hit) -> Option<f64>,
         ) {
-            traverse::<Avx2, ORDERED>(instructions, among, ray, limit, call);
+            traverse::<Avx2, ORDERED>(instructions, among, ray, limit, skip, call);
         }
         // SAFETY: `self` exists, and so the processor has the instructions.
-        unsafe { compiled::<ORDERED>(self, among, ray, limit, call) }
+        unsafe { compiled::<ORDERED>(self, among, ray, limit, skip, call) }
     }
 }
 

@@ -81,8 +81,9 @@ impl Ray {
         let [(a, a_depth), (b, b_depth), (c, c_depth)] =
             [seen(&corners[0]), seen(&corners[1]), seen(&corners[2])];
         let (of_a, of_b, of_c) = (cross(b, c), cross(c, a), cross(a, b));
-        let (least, most) = (of_a.min(of_b).min(of_c), of_a.max(of_b).max(of_c));
-        if least < 0.0 && most > 0.0 {
+        let some_negative = (of_a < 0.0) | (of_b < 0.0) | (of_c < 0.0);
+        let some_positive = (of_a > 0.0) | (of_b > 0.0) | (of_c > 0.0);
+        if some_negative & some_positive {
             return None;
         }
         let area = of_a + of_b + of_c;

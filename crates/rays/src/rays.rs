@@ -138,12 +138,18 @@ impl Rays {
     /// All fronts along a unit direction, from near to far, with their distances, m; without `from`, where the ray starts.
     pub fn fronts(&self, origin: DVec3, direction: DVec3, from: usize) -> Vec<(usize, f64)> {
         let mut fronts = Vec::new();
-        self.visit::<false>(origin, direction, f64::INFINITY, from as u32, |triangle, hit| {
-            if hit.front {
-                fronts.push((triangle as usize, hit.distance));
-            }
-            None
-        });
+        self.visit::<false>(
+            origin,
+            direction,
+            f64::INFINITY,
+            |triangle| triangle == from as u32,
+            |triangle, hit| {
+                if hit.front {
+                    fronts.push((triangle as usize, hit.distance));
+                }
+                None
+            },
+        );
         fronts.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
         fronts
     }
@@ -155,14 +161,20 @@ impl Rays {
 
     /// [`Self::blocked`], compiled here.
     fn blocked_but(&self, from: DVec3, to: DVec3, exception: &dyn Fn(usize) -> bool) -> bool {
-        let length = from.distance(to);
-        let direction = (to - from) / length;
+        let way = to - from;
+        let length = way.length();
         let mut found = false;
-        self.visit::<false>(from, direction, length, nodes::NONE, |triangle, hit| {
-            found = hit.distance < length - self.epsilon && !exception(triangle as usize);
-            // No other hit matters.
-            found.then_some(f64::NEG_INFINITY)
-        });
+        self.visit::<false>(
+            from,
+            way * (1.0 / length),
+            length,
+            |triangle| exception(triangle as usize),
+            |_, hit| {
+                found = hit.distance < length - self.epsilon;
+                // No other hit matters.
+                found.then_some(f64::NEG_INFINITY)
+            },
+        );
         found
     }
 
@@ -175,20 +187,22 @@ impl Rays {
             origin,
             direction,
             f64::INFINITY,
-            from,
+            #[inline(always)]
+            |triangle| triangle == from,
             #[inline(always)]
             |triangle, Hit { distance, front }| {
                 let side = usize::from(front);
                 ((distance, triangle) < nearest[side]).then(|| {
                     nearest[side] = (distance, triangle);
-                    nearest[0].0.min(nearest[1].0) + self.epsilon
+                    let [(back, _), (front, _)] = nearest;
+                    self.epsilon + if back < front { back } else { front }
                 })
             },
         );
         nearest
     }
 
-    /// Calls `call` with all triangles but `from` that a ray in a unit direction meets up to a limit, m, and maybe with others that it meets. The limit is
+    /// Calls `call` with all triangles, but for some to `skip`, that a ray in a unit direction meets up to a limit, m, and maybe with others that it meets. The limit is
     /// the last that a call returned.
     #[inline(always)]
     fn visit<const ORDERED: bool>(
@@ -196,21 +210,16 @@ impl Rays {
         origin: DVec3,
         direction: DVec3,
         limit: f64,
-        from: u32,
+        skip: impl Fn(u32) -> bool,
         call: impl FnMut(u32, Hit) -> Option<f64>,
     ) {
         let Some(ray) = Ray::new(&self.frame, origin, direction) else { return };
-        let among = Among {
-            nodes: &self.nodes,
-            leaves: &self.leaves,
-            corners: &self.corners,
-            from,
-            epsilon: self.epsilon,
-        };
+        let among =
+            Among { nodes: &self.nodes, leaves: &self.leaves, corners: &self.corners, epsilon: self.epsilon };
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = self.avx2 {
-            return avx2.traverse::<ORDERED>(among, &ray, limit, call);
+            return avx2.traverse::<ORDERED>(among, &ray, limit, skip, call);
         }
-        traverse::<_, ORDERED>(Portable, among, &ray, limit, call);
+        traverse::<_, ORDERED>(Portable, among, &ray, limit, skip, call);
     }
 }

@@ -13,8 +13,6 @@ pub struct Among<'a> {
     pub leaves: &'a [Leaf],
     /// Of all triangles.
     pub corners: &'a [[[f64; 3]; 3]],
-    /// The triangle that is not met.
-    pub from: u32,
     /// The least distance of hits, m.
     pub epsilon: f64,
 }
@@ -31,7 +29,7 @@ thread_local! {
 /// Components of directions are not below this: their inverse times any coordinate is finite.
 const LEAST: f32 = 1e-18;
 
-/// Calls `call` with all triangles that a ray meets up to a limit, m, and maybe with others that it meets; if `ORDERED`, roughly from near to
+/// Calls `call` with all triangles, but for some to `skip`, that a ray meets up to a limit, m, and maybe with others that it meets; if `ORDERED`, roughly from near to
 /// far. The limit is the last that a call returned; below zero nothing more is called.
 #[inline(always)]
 pub fn traverse<I: Instructions, const ORDERED: bool>(
@@ -39,6 +37,7 @@ pub fn traverse<I: Instructions, const ORDERED: bool>(
     among: Among,
     ray: &Ray,
     limit: f64,
+    skip: impl Fn(u32) -> bool,
     mut call: impl FnMut(u32, Hit) -> Option<f64>,
 ) {
     let mut stack = STACK.take().unwrap_or_else(|| Box::new([0; 256]));
@@ -64,31 +63,28 @@ pub fn traverse<I: Instructions, const ORDERED: bool>(
             let node = &among.nodes[current as usize];
             let (mut met, entries) = boxes.met(instructions, node, limit);
             let entries = entries.to_array();
-            let bottom = top;
-            let mut first = u64::MAX;
-            while met != 0 {
-                let k = met.trailing_zeros() as usize % WIDTH;
+            // Distances are not negative, and so ordered as their bits are.
+            let next = |k: usize| u64::from(entries[k].to_bits()) << 32 | u64::from(node.branches[k]);
+            if met != 0 {
+                let mut first = next(lowest(met));
                 met &= met - 1;
-                // Distances are not negative, and so ordered as their bits are.
-                let next = u64::from(entries[k].to_bits()) << 32 | u64::from(node.branches[k]);
-                if first == u64::MAX {
-                    first = next;
-                    continue;
-                }
-                // The nearest is next, the others are kept, the farthest first.
-                let kept = first.max(next);
-                first = first.min(next);
-                let mut at = top;
-                if ORDERED {
-                    while at > bottom && stack[usize::from(at - 1)] < kept {
-                        stack[usize::from(at)] = stack[usize::from(at - 1)];
-                        at -= 1;
+                let bottom = top;
+                while met != 0 {
+                    let other = next(lowest(met));
+                    met &= met - 1;
+                    // The nearest is next, the others are kept, the farthest first.
+                    let kept = first.max(other);
+                    first = first.min(other);
+                    let mut at = top;
+                    if ORDERED {
+                        while at > bottom && stack[usize::from(at - 1)] < kept {
+                            stack[usize::from(at)] = stack[usize::from(at - 1)];
+                            at -= 1;
+                        }
                     }
+                    stack[usize::from(at)] = kept;
+                    top += 1;
                 }
-                stack[usize::from(at)] = kept;
-                top += 1;
-            }
-            if first != u64::MAX {
                 current = first as u32;
                 continue;
             }
@@ -96,10 +92,9 @@ pub fn traverse<I: Instructions, const ORDERED: bool>(
             let leaf = &among.leaves[(current & !LEAF) as usize];
             let mut met = meets(instructions, leaf, (begin, direction), limit);
             while met != 0 {
-                let k = met.trailing_zeros() as usize % WIDTH;
+                let triangle = leaf.triangles[lowest(met)];
                 met &= met - 1;
-                let triangle = leaf.triangles[k];
-                if triangle == among.from {
+                if skip(triangle) {
                     continue;
                 }
                 let hit = ray.hit(&among.corners[triangle as usize], among.epsilon);
@@ -127,6 +122,12 @@ pub fn traverse<I: Instructions, const ORDERED: bool>(
         }
     }
     STACK.set(Some(stack));
+}
+
+/// The lowest bit that is set.
+#[inline(always)]
+fn lowest(bits: u32) -> usize {
+    bits.trailing_zeros() as usize % WIDTH
 }
 
 /// What all boxes need to know of a ray.
