@@ -2,7 +2,7 @@
 
 use super::lanes::{Instructions, Lanes};
 use super::nodes::WIDTH;
-use super::ray::{Hit, Ray};
+use super::ray::{Hit, Way};
 use super::traverse::{Among, traverse};
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Sub};
@@ -25,7 +25,7 @@ impl Avx2 {
     pub fn traverse<const ORDERED: bool>(
         self,
         among: Among,
-        ray: &Ray,
+        way: Way,
         limit: f64,
         skip: impl Fn(u32) -> bool,
         call: impl FnMut(u32, Hit) -> Option<f64>,
@@ -34,15 +34,15 @@ impl Avx2 {
         fn compiled<const ORDERED: bool>(
             instructions: Avx2,
             among: Among,
-            ray: &Ray,
+            way: Way,
             limit: f64,
             skip: impl Fn(u32) -> bool,
             call: impl FnMut(u32, Hit) -> Option<f64>,
         ) {
-            traverse::<Avx2, ORDERED>(instructions, among, ray, limit, skip, call);
+            traverse::<Avx2, ORDERED>(instructions, among, way, limit, skip, call);
         }
         // SAFETY: `self` exists, and so the processor has the instructions.
-        unsafe { compiled::<ORDERED>(self, among, ray, limit, skip, call) }
+        unsafe { compiled::<ORDERED>(self, among, way, limit, skip, call) }
     }
 }
 

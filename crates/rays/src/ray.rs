@@ -8,6 +8,13 @@ const AROUND: f64 = 2.0;
 /// Nothing is farther from where a ray begins, in units of the frame: [`AROUND`] and a radius of 1, and what rounding adds.
 pub const FARTHEST: f32 = 4.0;
 
+/// Where a ray starts, and its unit direction.
+#[derive(Clone, Copy)]
+pub struct Way {
+    pub origin: DVec3,
+    pub direction: DVec3,
+}
+
 /// A ray with what is the same for all boxes and triangles.
 pub struct Ray {
     /// Where it begins in the frame, and its direction.
@@ -32,9 +39,9 @@ pub struct Hit {
 }
 
 impl Ray {
-    /// A ray in a unit direction; `None` if it has none.
+    /// The ray; `None` if it has no direction.
     #[inline(always)]
-    pub fn new(frame: &Frame, origin: DVec3, direction: DVec3) -> Option<Self> {
+    pub fn new(frame: &Frame, Way { origin, direction }: Way) -> Option<Self> {
         let [x, y, z] = direction.abs().to_array();
         let last = if x > y && x > z { 0 } else { 1 + usize::from(z > y) };
         let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][last];

@@ -7,7 +7,7 @@ use super::frame::Frame;
 use super::lanes::Portable;
 use super::leaf::Leaf;
 use super::nodes::{self, Hierarchy, Node};
-use super::ray::{Hit, Ray};
+use super::ray::{Hit, Way};
 use super::traverse::{Among, traverse};
 use glam::DVec3;
 
@@ -139,8 +139,7 @@ impl Rays {
     pub fn fronts(&self, origin: DVec3, direction: DVec3, from: usize) -> Vec<(usize, f64)> {
         let mut fronts = Vec::new();
         self.visit::<false>(
-            origin,
-            direction,
+            Way { origin, direction },
             f64::INFINITY,
             |triangle| triangle == from as u32,
             |triangle, hit| {
@@ -165,8 +164,7 @@ impl Rays {
         let length = way.length();
         let mut found = false;
         self.visit::<false>(
-            from,
-            way * (1.0 / length),
+            Way { origin: from, direction: way * (1.0 / length) },
             length,
             |triangle| exception(triangle as usize),
             |_, hit| {
@@ -184,8 +182,7 @@ impl Rays {
         let from = from.map_or(nodes::NONE, |from| from as u32);
         let mut nearest = [(f64::INFINITY, nodes::NONE); 2];
         self.visit::<true>(
-            origin,
-            direction,
+            Way { origin, direction },
             f64::INFINITY,
             #[inline(always)]
             |triangle| triangle == from,
@@ -207,19 +204,22 @@ impl Rays {
     #[inline(always)]
     fn visit<const ORDERED: bool>(
         &self,
-        origin: DVec3,
-        direction: DVec3,
+        way: Way,
         limit: f64,
         skip: impl Fn(u32) -> bool,
         call: impl FnMut(u32, Hit) -> Option<f64>,
     ) {
-        let Some(ray) = Ray::new(&self.frame, origin, direction) else { return };
-        let among =
-            Among { nodes: &self.nodes, leaves: &self.leaves, corners: &self.corners, epsilon: self.epsilon };
+        let among = Among {
+            nodes: &self.nodes,
+            leaves: &self.leaves,
+            corners: &self.corners,
+            frame: &self.frame,
+            epsilon: self.epsilon,
+        };
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = self.avx2 {
-            return avx2.traverse::<ORDERED>(among, &ray, limit, skip, call);
+            return avx2.traverse::<ORDERED>(among, way, limit, skip, call);
         }
-        traverse::<_, ORDERED>(Portable, among, &ray, limit, skip, call);
+        traverse::<_, ORDERED>(Portable, among, way, limit, skip, call);
     }
 }

@@ -1,9 +1,10 @@
 //! The way of a ray through a hierarchy.
 
+use super::frame::Frame;
 use super::lanes::{Instructions, Lanes};
 use super::leaf::Leaf;
 use super::nodes::{LEAF, Node, WIDTH};
-use super::ray::{Hit, Ray};
+use super::ray::{Hit, Ray, Way};
 use std::cell::Cell;
 
 /// What rays pass through.
@@ -11,6 +12,8 @@ use std::cell::Cell;
 pub struct Among<'a> {
     pub nodes: &'a [Node],
     pub leaves: &'a [Leaf],
+    /// That of nodes and leaves.
+    pub frame: &'a Frame,
     /// Of all triangles.
     pub corners: &'a [[[f64; 3]; 3]],
     /// The least distance of hits, m.
@@ -35,11 +38,12 @@ const LEAST: f32 = 1e-18;
 pub fn traverse<I: Instructions, const ORDERED: bool>(
     instructions: I,
     among: Among,
-    ray: &Ray,
+    way: Way,
     limit: f64,
     skip: impl Fn(u32) -> bool,
     mut call: impl FnMut(u32, Hit) -> Option<f64>,
 ) {
+    let Some(ray) = Ray::new(among.frame, way) else { return };
     let mut stack = STACK.take().unwrap_or_else(|| Box::new([0; 256]));
     let splat =
         |of: [f32; 3]| [instructions.splat(of[0]), instructions.splat(of[1]), instructions.splat(of[2])];
