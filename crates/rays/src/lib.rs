@@ -18,6 +18,8 @@ mod leaf;
 mod nodes;
 mod ray;
 mod rays;
+#[cfg(test)]
+mod tests;
 mod traverse;
 
 pub use boxes::Boxes;

@@ -12,16 +12,15 @@ pub const LEAF: u32 = 1 << 31;
 /// No branch, no triangle.
 pub const NONE: u32 = u32::MAX;
 
-/// Eight boxes, in units of half the diagonal about the middle of all triangles, and where they lead. In memory 64 words in this order,
+/// Eight boxes, in units of half the diagonal about the middle of all triangles, and where they lead. In memory 56 words in this order,
 /// fit for a buffer of a device.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C, align(64))]
+#[repr(C, align(32))]
 pub struct Node {
     /// Least and greatest x, then those of y and z, of each box. The box of a branch that is not there is turned inside out: ∞ to -∞.
     pub bounds: [[[f32; WIDTH]; 2]; 3],
     /// Where each leads: to a node of a higher index than this one, or with [`LEAF`] to a leaf; [`NONE`] for a branch that is not there.
     pub branches: [u32; WIDTH],
-    unused: [u32; WIDTH],
 }
 
 impl Node {

@@ -81,7 +81,12 @@ impl Rays {
         if nodes::cost(&self.nodes) > WORN * self.cost {
             let mut triangles: Vec<u32> = self.leaves.iter().flat_map(Leaf::held).map(|i| i as u32).collect();
             triangles.sort_unstable();
-            *self = Self { ..Self::build(corners, &triangles) };
+            let new = Self::build(corners, &triangles);
+            *self = Self {
+                #[cfg(target_arch = "x86_64")]
+                avx2: self.avx2,
+                ..new
+            };
         }
     }
 
