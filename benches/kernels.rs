@@ -11,7 +11,7 @@
 use antirad::backend::{Backend, BackendChoice};
 use antirad::gpu::DeviceOptions;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::scene::{Material, Movable, Scene, SceneBuilder, Shape, SolveSettings, Transport};
+use antirad::scene::{Material, Movable, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice};
 use antirad_core::transport::{self, Operators, State};
 use glam::{DAffine3, DQuat, DVec3};
 use std::time::{Duration, Instant};
@@ -93,7 +93,7 @@ struct Bench {
 impl Bench {
     fn new(backend: &Backend, case: &Case) -> Self {
         // The near field is a kernel of its own.
-        let settings = SolveSettings::default().near_field(0.0).transport(Transport::Exact);
+        let settings = SolveSettings::default().near_field(0.0).visibility(VisibilityChoice::Implicit);
         let options = PlanOptions::of(backend).gradients(GradientRequest::EVERYTHING);
         let plan = Plan::new(&case.scene, &options, &settings).expect("a plan");
         let emission = |i: usize| case.scene.material(i).emission;

@@ -61,10 +61,15 @@ pub use glam;
 pub mod scene {
     #[doc(inline)]
     pub use antirad_scene::{
-        BinLayout, Camera, CameraSet, Choice, Distortion, Focal, Frame, Intrinsics, LampFactor, Lamps, Lens,
-        LoadOptions, Material, Mesh, Movable, Normalization, Orient, Origin, Painting, Patterns, Precision,
-        Projection, Scene, SceneBuilder, SceneError, Shape, Similarity, Sky, SolveSettings, SolverChoice,
-        Sun, TextureRefined, Transport, Triangle, VisibilityChoice,
+        BinLayout, Camera, CameraSet, Choice, Frame, Lamps, LoadOptions, Material, Mesh, Movable,
+        Normalization, Orient, Painting, Precision, Scene, SceneBuilder, SceneError, Shape, Sky,
+        SolveSettings, SolverChoice, Sun, Triangle, VisibilityChoice,
+    };
+    // For the tool and the Python package.
+    #[doc(hidden)]
+    pub use antirad_scene::{
+        Distortion, Focal, Intrinsics, LampFactor, Lens, Origin, Patterns, Projection, Similarity,
+        TextureRefined,
     };
 }
 
@@ -78,10 +83,12 @@ pub mod backend {
 pub mod gpu {
     #[doc(inline)]
     pub use antirad_gpu::{
-        Bytes, Device, DeviceInfo, DeviceKind, DeviceOptions, Enabled, GpuError, KernelStatistics,
-        LabelReport, ListedDevice, MemoryReport, OverBudget, ProfileRow, ValidationLog, list_devices,
-        staging_bytes,
+        Bytes, Device, DeviceInfo, DeviceKind, DeviceOptions, Enabled, GpuError, LabelReport, ListedDevice,
+        MemoryReport, OverBudget, ProfileRow, list_devices,
     };
+    // For the tool and the Python package.
+    #[doc(hidden)]
+    pub use antirad_gpu::{KernelStatistics, ValidationLog, staging_bytes};
 
     /// Vulkan devices of an embedding program.
     pub mod embed {
@@ -104,18 +111,22 @@ pub mod plan {
 /// How a solve went.
 pub mod solve {
     #[doc(inline)]
-    pub use antirad_core::solve::{SolveInfo, SolveProgress};
+    pub use antirad_core::solve::{SolveError, SolveInfo, SolveProgress};
+    #[doc(inline)]
+    pub use antirad_core::transport::TransportError;
 }
 
 /// Pictures of a solved scene, and the derivatives of a loss of pictures by everything that they show.
 pub mod render {
+    #[doc(inline)]
+    pub use antirad_render::image::Coverage;
     #[doc(inline)]
     pub use antirad_render::render::{
         CameraGradient, PictureError, PullBack, Quantity, RenderOptions, Renderer, SceneGradient, SeenPixels,
         Shown,
     };
     #[doc(inline)]
-    pub use antirad_render::shading::{Light, Reflections, Shading};
+    pub use antirad_render::shading::{Gathered, Light, Reflections, Shading};
 }
 
 /// Pictures from one colour per face, and their files.
@@ -134,21 +145,28 @@ pub mod render {
 pub mod image {
     #[doc(inline)]
     pub use antirad_render::image::{
-        Exposure, ImageError, Label, MAX_SUPERSAMPLE, Photo, PhotoLabels, PhotoMask, Picture, PictureOptions,
-        Rasterizer, ToneMap,
+        Exposure, ImageError, MAX_SUPERSAMPLE, Picture, PictureOptions, Rasterizer, ToneMap,
     };
+    // For the tool and the Python package.
+    #[doc(hidden)]
+    pub use antirad_render::image::{Label, Photo, PhotoLabels, PhotoMask};
 }
 
 /// Scenes from pictures: what lights, materials and geometry explain them.
 pub mod fit {
     #[doc(inline)]
     pub use antirad_fit::{
-        CHECKPOINT_FILES, CheckpointError, CostEstimate, EngineRenderer, Evaluation, Exposure, Fit, FitError,
-        FitProgress, FolderLock, Groups, Job, JobFile, Judged, LockError, Loss, LossKind, MotionKind, Noise,
-        OnCheckpoint, OptimiserKind, Outcome, OwnSquares, ParameterError, Parameters, Per, Photographs,
-        PictureLoss, Problem, Record, Recovered, Regulariser, Regularisers, RenderError, Renderer, Response,
-        ResponseCurve, RunOptions, Sensor, Settings, State, Status, Stop, StopRule, Target, TargetError,
-        TargetPicture, USUAL_PIXELS, UnknownResponse, Unseen, now, results, segments,
+        CheckpointError, EngineRenderer, Exposure, Fit, FitError, FitProgress, Groups, Job, JobFile,
+        LockError, Loss, LossKind, MotionKind, Noise, OnCheckpoint, OptimiserKind, Outcome, ParameterError,
+        Per, Photographs, PictureLoss, Record, Recovered, Regulariser, RenderError, Renderer, Response,
+        RunOptions, Settings, Stop, StopRule, Target, TargetError, TargetPicture,
+    };
+    // For the tool and the Python package.
+    #[doc(hidden)]
+    pub use antirad_fit::{
+        CHECKPOINT_FILES, CostEstimate, Evaluation, FolderLock, Judged, OwnSquares, Parameters, Problem,
+        Regularisers, ResponseCurve, Sensor, State, Status, USUAL_PIXELS, UnknownResponse, Unseen, now,
+        results, segments,
     };
 }
 
@@ -157,17 +175,22 @@ pub mod target_error {
     #[doc(inline)]
     pub use antirad_render::target_error::{
         Answer, ErrorEstimate, IrradianceEstimate, PictureEstimate, Refinement, SearchError, Solved, Stage,
-        Step, TargetErrorOptions, solve_within, usual_plan, usual_settings,
+        Step, TargetErrorOptions, solve_within, usual_settings,
     };
+    // For the tool and the Python package.
+    #[doc(hidden)]
+    pub use antirad_render::target_error::usual_plan;
 }
 
 /// What a scene will do to the accuracy of its solution, found before a solve, and its remedies.
 pub mod warnings {
     #[doc(inline)]
     pub use antirad_render::warnings::{
-        Effect, Example, Kind, MATTERS, RefineError, RefineOptions, Refined, Warning, Warnings, cut_for_rays,
-        refine, told_from, too_coarse,
+        Effect, Example, Kind, RefineError, RefineOptions, Refined, Warning, Warnings, refine,
     };
+    // For the tool and the Python package.
+    #[doc(hidden)]
+    pub use antirad_render::warnings::{MATTERS, cut_for_rays, told_from, too_coarse};
 }
 
 /// What pictures of a scene leave undetermined.
@@ -211,9 +234,12 @@ pub mod export {
 /// Files that appear whole or not at all.
 pub mod output {
     #[doc(inline)]
+    pub use antirad_base::output::OutputError;
+    // For the tool and the Python package.
+    #[doc(hidden)]
     pub use antirad_base::output::{
-        OutputError, atomic_write, prepare_directory, remove_unfinished, single, write_array, write_json,
-        write_new_json, write_npy,
+        atomic_write, prepare_directory, remove_unfinished, single, write_array, write_json, write_new_json,
+        write_npy,
     };
 }
 

@@ -2,19 +2,16 @@
 
 mod support;
 
-use antirad::plan::{Plan, PlanOptions};
-use antirad::scene::{
-    BinLayout, Material, Normalization, Scene, SceneBuilder, Shape, SolveSettings, Transport, Triangle,
-};
-use antirad_core::model::{Class, ClusterInput, Clusters, Facet};
+use antirad::scene::{BinLayout, Material, Normalization, Scene, SolveSettings, Triangle};
+use antirad_core::model::{Class, Facet};
 use antirad_core::solve::{GmresParams, gmres};
 use antirad_reference::{
     AdjointEquation, Exchange, Model, Outgoing, State, emission, observe, observe_adjoint,
     observe_derivative, reflect_adjoint, reflect_derivative,
 };
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use std::ops::ControlFlow;
-use support::random::{Random, balls, random_scene, scattered};
+use support::random::{Random, random_scene, scattered};
 
 /// Both layouts, coarse: the more directions share a bin, the more of its edge cases occur.
 fn all_settings() -> [SolveSettings; 2] {
@@ -86,7 +83,7 @@ fn operators_and_their_transposes_agree() {
         let (state, importance) = (random_state(&model, &mut random), random_state(&model, &mut random));
         let (outgoing, cotangent) =
             (random_outgoing(&model, &mut random), random_outgoing(&model, &mut random));
-        let exchange = Exchange::new(&model, None);
+        let exchange = Exchange::new(&model);
         assert_same(
             &format!("U, {name}"),
             dot_states(&exchange.apply(&outgoing), &importance),
@@ -107,143 +104,6 @@ fn operators_and_their_transposes_agree() {
             dot_outgoing(&outgoing, &observe_adjoint(&model, camera_position, &colours)),
             1e-12,
         );
-    }
-}
-
-/// A plan with clusters of a scene. Lists for gradients would hold few in so coarse bins.
-fn with_clusters(scene: &Scene) -> Plan {
-    let options = PlanOptions::default().boundless();
-    let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
-    assert!(plan.pairs().clusters > 0, "{}: {}", scene.name, plan.transport());
-    plan
-}
-
-/// U with clusters, of diffuse, blocking and glossy triangles. Rounding of some 1e6 additions.
-#[test]
-fn transport_through_clusters_and_its_transpose_agree() {
-    let mut random = Random::new(13);
-    for name in ["scenes/cornell_boxes.toml", "scenes/glossy_floor.toml"] {
-        let mut scene = support::load(name);
-        let bins = BinLayout::EqualAngle { theta: 4, phi: 7 };
-        scene.settings = scene.settings.bins(bins).transport(Transport::Hierarchical { error: 0.03 });
-        let plan = with_clusters(&scene);
-        let clusters = plan.clusters().expect("clusters");
-        let model = Model::new(&scene);
-        let (outgoing, importance) =
-            (random_outgoing(&model, &mut random), random_state(&model, &mut random));
-        let exchange = Exchange::new(&model, Some(clusters));
-        assert_same(
-            name,
-            dot_states(&exchange.apply(&outgoing), &importance),
-            dot_outgoing(&outgoing, &exchange.transpose(&importance)),
-            1e-11,
-        );
-    }
-}
-
-/// The same with volumes, of diffuse and glossy balls.
-#[test]
-fn transport_through_volumes_and_its_transpose_agree() {
-    let mut random = Random::new(14);
-    let mut scene = balls(4, 3, true);
-    let bins = BinLayout::EqualAngle { theta: 4, phi: 7 };
-    scene.settings = scene.settings.bins(bins).transport(Transport::Hierarchical { error: 0.3 });
-    let plan = with_clusters(&scene);
-    let clusters = plan.clusters().expect("clusters");
-    assert!(clusters.volumes().is_some());
-    let model = Model::new(&scene);
-    let (outgoing, importance) = (random_outgoing(&model, &mut random), random_state(&model, &mut random));
-    let exchange = Exchange::new(&model, Some(clusters));
-    assert_same(
-        "balls",
-        dot_states(&exchange.apply(&outgoing), &importance),
-        dot_outgoing(&outgoing, &exchange.transpose(&importance)),
-        1e-11,
-    );
-}
-
-/// A bumpy figure between a glossy floor and a ceiling: curved clusters and flat ones, with bins at either end.
-fn figure() -> Scene {
-    let floor = Material { specular: [0.3; 3], power: 8.0, ..Material::named("floor") };
-    let place = |height: f64, up: f64| {
-        DAffine3::from_translation(DVec3::new(0.0, height, 0.0))
-            * DAffine3::from_scale(DVec3::new(6.0, up, 6.0))
-            * DAffine3::from_translation(DVec3::new(-0.5, 0.0, -0.5))
-    };
-    let mut builder = SceneBuilder::new();
-    builder
-        .shape("floor", Shape::Quad { cells: 14 }, &floor, place(0.0, 1.0))
-        .shape("ceiling", Shape::Quad { cells: 12 }, &Material::named("ceiling"), place(4.0, -1.0))
-        .shape("figure", Shape::Statue { triangles: 700 }, &Material::named("stone"), DAffine3::IDENTITY);
-    let mut scene = builder.finish("figure").expect("a scene");
-    // In a plane, light between neighbours has a kink.
-    let mut random = Random::new(24);
-    scene.vertices.iter_mut().for_each(|vertex| *vertex += 0.05 * (random.point() - 0.5));
-    let settings = scene.settings.bins(BinLayout::Concentric { n: 6 });
-    scene.settings = settings.near_field(3.0);
-    scene
-}
-
-/// Which triangles make up which clusters, and all lists, are frozen; centroids, normals, areas and variances of clusters
-/// move, and the shares of their triangles.
-#[test]
-fn transport_through_clusters_changes_with_all_corners_as_its_derivative_says() {
-    let scene = support::apart(&figure());
-    // A plan would not take clusters for so few triangles.
-    let plan = Plan::new(&scene, &PlanOptions::default(), &scene.settings).expect("a plan");
-    let layout = plan.layout();
-    let groups: Vec<u32> = layout.groups.iter().map(|group| layout.slots_of(&group.tiles).start).collect();
-    let input = ClusterInput {
-        facets: plan.facets(),
-        moved: None,
-        classes: plan.classes(),
-        brightness: &vec![1.0; scene.triangles.len()],
-        backs: 1.0,
-        order: &plan.layout().order,
-        groups: &groups,
-        leaf: 4,
-        most_volumes: None,
-        half_range: 0.5 * scene.settings.near_field,
-        bin: 0.3,
-        error: 0.3,
-        slopes: false,
-        cull: true,
-    };
-    let clusters = &Clusters::new(&input, false).expect("clusters");
-    let mut model = Model::new(&scene);
-    let lists = clusters.sources();
-    let all = (0..lists.lists()).flat_map(|list| lists.sources(list));
-    let with_clusters = all.filter(|(source, _)| *source >= clusters.first()).count();
-    println!("{with_clusters} of {} sources are clusters", lists.count());
-    assert!(with_clusters as u64 * 25 > lists.count());
-    let mut random = Random::new(23);
-    let (outgoing, importance) = (random_outgoing(&model, &mut random), random_state(&model, &mut random));
-    let gradients = Exchange::new(&model, Some(clusters)).derivative(&outgoing, &importance);
-    let found: Vec<_> = gradients.iter().zip(&model.facets).map(|(g, f)| g.to_corners(f)).collect();
-    let kept = model.facets.clone();
-    for part in ["floor", "ceiling", "figure"] {
-        let mesh = scene.meshes.iter().find(|mesh| mesh.name == part).expect("a mesh");
-        let range = mesh.range.start as usize..mesh.range.end as usize;
-        let directions: Vec<[DVec3; 3]> =
-            range.clone().map(|_| [0; 3].map(|_| random.point() - 0.5)).collect();
-        let sum = |(found, way): (&[DVec3; 3], &[DVec3; 3])| -> f64 {
-            found.iter().zip(way).map(|(f, w)| f.dot(*w)).sum()
-        };
-        let slope: f64 = found[range.clone()].iter().zip(&directions).map(sum).sum();
-        let mut at = |step: f64| {
-            for (i, way) in range.clone().zip(&directions) {
-                let corners = kept[i].corners;
-                model.facets[i] = Facet::new(std::array::from_fn(|k| corners[k] + step * way[k]));
-            }
-            dot_states(&Exchange::new(&model, Some(clusters)).apply(&outgoing), &importance)
-        };
-        // Of a million pairs some have a kink within a step, one side of a source or of a bin to the other; steps of which few have are
-        // so small that rounding shows.
-        let errors =
-            [1e-7, 5e-8, 3e-8].map(|step| ((at(step) - at(-step)) / (2.0 * step * slope) - 1.0).abs());
-        at(0.0);
-        println!("{part}: {slope}, {errors:?}");
-        assert!(median(errors.into_iter()) <= 1e-5, "{part}: {slope}, {errors:?}");
     }
 }
 
@@ -359,11 +219,11 @@ fn transport_changes_with_every_corner_as_its_derivative_says() {
             let model = model(&scattered(31, count, true, false, room), settings);
             let (outgoing, importance) =
                 (random_outgoing(&model, &mut random), random_state(&model, &mut random));
-            let gradients = Exchange::new(&model, None).derivative(&outgoing, &importance);
+            let gradients = Exchange::new(&model).derivative(&outgoing, &importance);
             let found: Vec<_> = gradients.iter().zip(&model.facets).map(|(g, f)| g.to_corners(f)).collect();
             let name = format!("{name}, {}", settings.bins);
             assert_slopes(&name, model, &found, &|model| {
-                dot_states(&Exchange::new(model, None).apply(&outgoing), &importance)
+                dot_states(&Exchange::new(model).apply(&outgoing), &importance)
             });
         }
     }
@@ -377,13 +237,13 @@ fn transport_changes_with_every_centroid_as_its_derivative_says() {
         let model = model(&scattered(32, 10, true, false, 0.8), settings);
         let (outgoing, importance) =
             (random_outgoing(&model, &mut random), random_state(&model, &mut random));
-        let found: Vec<DVec3> = Exchange::new(&model, None)
+        let found: Vec<DVec3> = Exchange::new(&model)
             .derivative(&outgoing, &importance)
             .iter()
             .map(|gradient| gradient.corners.iter().sum())
             .collect();
         let mut moved = Moved(model);
-        let loss = |model: &Model| dot_states(&Exchange::new(model, None).apply(&outgoing), &importance);
+        let loss = |model: &Model| dot_states(&Exchange::new(model).apply(&outgoing), &importance);
         let errors = [1e-6, 3e-7, 1e-7].map(|step| {
             let slope = |i| moved.slope(&[(i, 0), (i, 1), (i, 2)], step, &loss);
             relative(&found, &(0..found.len()).map(slope).collect::<Vec<_>>())
@@ -487,7 +347,7 @@ fn losses_of_solutions_change_as_the_adjoint_says() {
         let cotangent = adjoint.outgoing(&importance);
         let materials = reflect_derivative(&base, &state, &cotangent);
         let (observed, _) = observe_derivative(&base, &outgoing, camera_position, &colours);
-        let corners: Vec<[DVec3; 3]> = Exchange::new(&base, None)
+        let corners: Vec<[DVec3; 3]> = Exchange::new(&base)
             .derivative(&outgoing, &importance)
             .into_iter()
             .zip(observed)
@@ -574,7 +434,7 @@ fn special_geometry_has_finite_gradients() {
             let camera_position = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.0);
             let mut size: f64 = 0.0;
             let (observed, at_eye) = observe_derivative(&model, &outgoing, camera_position, &colours);
-            for gradients in [Exchange::new(&model, None).derivative(&outgoing, &importance), observed] {
+            for gradients in [Exchange::new(&model).derivative(&outgoing, &importance), observed] {
                 for (gradient, facet) in gradients.iter().zip(&model.facets) {
                     assert!(gradient.normal.is_finite() && gradient.area.is_finite(), "{name}: {gradient:?}");
                     assert!(gradient.to_corners(facet).iter().all(|g| g.is_finite()), "{name}: {gradient:?}");

@@ -8,8 +8,7 @@ use antirad::backend::Backend;
 use antirad::gpu::{Device, Enabled, GpuError};
 use antirad::plan::{GradientRequest, Occlusion, Plan, PlanOptions};
 use antirad::scene::{
-    BinLayout, Lamps, Material, Mesh, Precision, Scene, Shape, SolveSettings, SolverChoice, Transport,
-    Triangle, VisibilityChoice,
+    BinLayout, Lamps, Material, Mesh, Precision, Scene, Shape, SolveSettings, SolverChoice, Triangle,
 };
 use antirad::{Cotangent, Engine, EngineError, Gradients, MaterialGradients, Solution, SolveParams};
 use antirad_core::plan::PADDING;
@@ -285,38 +284,6 @@ fn operators_and_their_transposes_agree_in_f32() {
         dot_products(name, &scene, true, 1e-4);
         dot_products(name, &scene, false, 1e-4);
         whole_solve(name, &scene, 1e-4);
-    }
-}
-
-/// Far pairs that are kept from pass to pass: the same bytes as where each pass evaluates them, of light and of derivatives, whether triangles are
-/// listed with clusters or not.
-#[test]
-fn far_pairs_that_are_kept_change_nothing() {
-    let cpu = Backend::cpu();
-    let exact = scenes(Precision::F32);
-    let clustered = scenes(Precision::F32).into_iter().map(|(name, mut scene)| {
-        scene.settings = scene.settings.transport(Transport::Hierarchical { error: 0.03 });
-        scene.settings = scene.settings.visibility(VisibilityChoice::Implicit);
-        (name, scene)
-    });
-    for (name, scene) in exact.into_iter().chain(clustered) {
-        let usual = PlanOptions::of(&cpu).gradients(GradientRequest::EVERYTHING);
-        let kept = Plan::new(&scene, &usual, &scene.settings).expect("a plan");
-        // They may take a quarter of the budget with everything else.
-        let less = usual.memory_budget(4 * kept.memory().total() - 1);
-        let evaluated = Plan::new(&scene, &less, &scene.settings).expect("a plan");
-        assert_eq!(kept.near_field().to_string(), evaluated.near_field().to_string());
-        let bytes = [&kept, &evaluated].map(|plan| plan.memory().of_label("far pairs"));
-        println!("{name}, {:?}: {bytes:?} bytes", scene.settings.transport);
-        assert!(bytes[0] > 0 && bytes[1] == 0);
-        let loss = random_loss(&mut Random::new(6), scene.triangles.len());
-        let [one, other] = [kept, evaluated].map(|plan| {
-            let mut engine = Engine::new(&cpu, &scene, plan).expect("an engine");
-            let solution = solve(&mut engine);
-            let gradients = kinds(&backward(&mut engine, &solution, &loss));
-            (solution.irradiance.clone(), gradients)
-        });
-        assert!(one == other, "{name}");
     }
 }
 

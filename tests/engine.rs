@@ -162,7 +162,7 @@ fn classes_are_exact() {
         planned.classes.iter().map(|&c| antirad_core::model::Class { blocker: true, ..c }).collect();
     let everything = Model::with_classes(&scene, everything);
     let bounces = |model: &Model| {
-        let exchange = Exchange::new(model, None);
+        let exchange = Exchange::new(model);
         let mut state = exchange.apply(&emission(model));
         for _ in 0..3 {
             state = exchange.apply(&model.leave(&state));

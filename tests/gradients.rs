@@ -4,7 +4,7 @@ mod support;
 
 use antirad::backend::Backend;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings, Transport};
+use antirad::scene::{BinLayout, Movable, Precision, Scene, SolveSettings};
 use antirad_core::model::FacetGradient;
 use antirad_core::transport::Operators;
 use antirad_reference::{
@@ -95,7 +95,7 @@ fn compare_on(
     let mut errors: Vec<(&str, f64)> = Vec::new();
     let mut operator = operators.adjoint().expect("what was planned");
     operator.set(&none, &none, &pages).expect("cotangents");
-    let exchange = Exchange::new(&model, plan.clusters());
+    let exchange = Exchange::new(&model);
     let outgoing = exchange.transpose(&importance);
     let given = operator.outgoing_cotangent(&x).expect("a pass");
     errors.push((
@@ -246,19 +246,4 @@ fn more_sizes_and_arrangements() {
     compare("f32", &random_scene(3, 300, true, false), single, |l| l);
     compare("f32, small tiles and pages", &random_scene(6, 200, true, false), single, |l| l.tile(32).page(1));
     compare("own powers", &with_own_powers(random_scene(5, 131, true, false)), double(), |l| l);
-}
-
-/// Clusters of diffuse and blocking triangles.
-#[test]
-fn clusters_stand_for_far_triangles() {
-    let mut scene = support::load("scenes/coarse_cornell.toml");
-    scene.split_all(2);
-    let settings = SolveSettings::default()
-        .bins(BinLayout::Concentric { n: 2 })
-        .near_field(10.0)
-        .transport(Transport::Hierarchical { error: 0.1 });
-    let options = PlanOptions::default().gradients(GradientRequest::EVERYTHING);
-    let plan = Plan::new(&scene, &options, &settings).expect("a plan");
-    assert!(plan.pairs().clusters > 0, "{}", plan.transport());
-    compare("Cornell room", &scene, settings, |options| options);
 }

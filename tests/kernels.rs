@@ -8,11 +8,9 @@ use antirad::backend::Backend;
 use antirad::gpu::{Device, DeviceKind};
 use antirad::plan::{Occlusion, Plan, PlanError, PlanOptions};
 use antirad::scene::{
-    BinLayout, Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, Transport,
-    VisibilityChoice,
+    BinLayout, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice,
 };
 use antirad::{Engine, SolveParams};
-use antirad_core::model::Clusters;
 use antirad_core::plan::Residency;
 use antirad_core::shaders::{self, RealShader};
 use antirad_core::solve::Orthonormalised;
@@ -20,7 +18,7 @@ use antirad_core::transport::{Operators, State as Vector, vulkan};
 use antirad_reference::{Exchange, Model, State, emission, observe};
 use glam::{DAffine3, DVec3};
 use std::process::{Command, Stdio};
-use support::random::{Random, balls_on_a_glossy_floor, random_scene, scattered, with_own_powers};
+use support::random::{Random, random_scene, scattered, with_own_powers};
 use support::slots::{by_slot, flat, from_pages, of_class, relative, rgb_of, to_pages};
 use support::{backend, device, finish, implementations, operators, same};
 
@@ -97,7 +95,7 @@ fn compare_on(
     errors.push(("reflect", rgb_of(&plan, &given.radiance), flat(&outgoing.diffuse)));
     let specular = of_class(&model, &outgoing.specular, |c| c.glossy);
     errors.push(("reflect_glossy", from_pages(&model, &plan, &given.specular, total), specular));
-    let truth = Exchange::new(&model, plan.clusters()).apply(&outgoing);
+    let truth = Exchange::new(&model).apply(&outgoing);
     let mut transported =
         |plan: &Plan, operators: &mut dyn Operators, x: &Vector, names: [&'static str; 2]| {
             let mut y = operators.vector().expect("a vector");
@@ -170,9 +168,6 @@ fn more_sizes_and_arrangements() {
     compare("own powers, f64", &mixed, single.precision(Precision::F64), |l| l);
     let grey = with_own_powers(random_scene(18, 100, true, true));
     compare("own powers, grey", &grey, single, |l| l);
-    let boxed = support::load("scenes/closed_box.toml");
-    let clusters = boxed.settings.transport(Transport::Hierarchical { error: 0.03 });
-    compare("clusters, f64", &boxed, clusters.precision(Precision::F64), |l| l);
 }
 
 #[test]
@@ -252,13 +247,11 @@ fn subgroups_of_other_widths() {
     }
 }
 
-/// What depends on lanes: far and close pairs, with bins and without, and sources that are clusters.
+/// What depends on lanes: far and close pairs, with bins and without.
 #[test]
 #[ignore = "run by subgroups_of_other_widths"]
 fn small_scenes_on_kernels_alone() {
     let glossy = random_scene(2, 100, true, false);
-    let boxed = support::load("scenes/closed_box.toml");
-    let clusters = boxed.settings.transport(Transport::Hierarchical { error: 0.1 });
     let of_cpus = device();
     println!("subgroups of {} lanes", of_cpus.info().subgroup_size);
     for (name, on) in
@@ -266,7 +259,6 @@ fn small_scenes_on_kernels_alone() {
     {
         let on = Backend::from(on);
         compare_on(&on, &format!("glossy, {name}"), &glossy, SolveSettings::default(), &|l| l);
-        compare_on(&on, &format!("clusters, {name}"), &boxed, clusters, &|l| l);
     }
 }
 
@@ -286,7 +278,7 @@ fn very_many_triangles_on_kernels_for_gpus() {
         at(1.0) * down,
     );
     let scene = builder.finish("two plates").expect("a scene");
-    let settings = scene.settings.transport(Transport::Exact);
+    let settings = scene.settings;
     let device = device().with_kernels_for(DeviceKind::Discrete);
     let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
     assert!(
@@ -366,7 +358,7 @@ fn layouts_agree_with_the_shaders() {
         ("b", 4),
         ("characteristic_area", 7),
         ("c", 8),
-        ("share", 11),
+        ("unused_corner", 11),
         ("normal", 12),
         ("unused_normal", 15),
         ("", 16),
@@ -398,107 +390,6 @@ fn layouts_agree_with_the_shaders() {
                 "target_page" = target_page,
                 "partner_page" = partner_page,
                 "passing" = passing,
-            ]
-        );
-    }
-    for shader in [shaders::CLUSTER_BINS.of(Precision::F32), shaders::CLUSTER_IRRADIANCE.of(Precision::F64)] {
-        check!(
-            shader,
-            "ListPush",
-            ListPush,
-            [
-                "target_list" = target_list,
-                "partner_begin" = partner_begin,
-                "partner_end" = partner_end,
-                "half_range" = half_range,
-                "target_page" = target_page,
-                "partner_page" = partner_page,
-                "passing" = passing,
-                "skip" = skip,
-                "take" = take,
-                "clusters" = clusters,
-                "moments" = moments,
-                "volumes" = volumes,
-            ]
-        );
-    }
-    check!(
-        shaders::VOLUME_BINS.of(Precision::F32),
-        "VolumePush",
-        VolumePush,
-        [
-            "begin" = begin,
-            "volumes" = volumes,
-            "slot_begin" = slot_begin,
-            "slot_end" = slot_end,
-            "backs" = backs,
-        ]
-    );
-    for shader in [shaders::GATHER.of(Precision::F64), shaders::SCATTER.of(Precision::F32)] {
-        check!(
-            shader,
-            "GatherPush",
-            GatherPush,
-            [
-                "begin" = begin,
-                "end" = end,
-                "clusters" = clusters,
-                "triangles" = triangles,
-                "moments" = moments,
-            ]
-        );
-    }
-    check!(
-        shaders::CLUSTER_SHARES.of(Precision::F32),
-        "SharesPush",
-        SharesPush,
-        [
-            "begin" = begin,
-            "clusters" = clusters,
-            "triangles" = triangles,
-            "from_page" = from_page,
-            "to_page" = to_page,
-            "moments" = moments,
-            "cotangent_moments" = cotangent_moments,
-        ]
-    );
-    for shader in [shaders::GATHER_BINS.of(Precision::F32), shaders::SCATTER_BINS.of(Precision::F64)] {
-        check!(
-            shader,
-            "GatherBinsPush",
-            GatherBinsPush,
-            [
-                "begin" = begin,
-                "clusters" = clusters,
-                "triangles" = triangles,
-                "from_page" = from_page,
-                "to_page" = to_page,
-            ]
-        );
-    }
-    for shader in
-        [shaders::CLUSTER_ADJOINT.of(Precision::F32), shaders::CLUSTER_DERIVATIVE_SOURCE.of(Precision::F64)]
-    {
-        check!(
-            shader,
-            "ReceiversPush",
-            ReceiversPush,
-            [
-                "target_begin" = target_begin,
-                "target_end" = target_end,
-                "source_begin" = source_begin,
-                "source_end" = source_end,
-                "group_begin" = group_begin,
-                "list_begin" = list_begin,
-                "list_end" = list_end,
-                "half_range" = half_range,
-                "target_page" = target_page,
-                "radiance_page" = radiance_page,
-                "partner_page" = partner_page,
-                "skip" = skip,
-                "take" = take,
-                "clusters" = clusters,
-                "moments" = moments,
             ]
         );
     }
@@ -588,51 +479,6 @@ fn layouts_agree_with_the_shaders() {
         ProjectPush,
         ["count" = count, "add" = add, "norm" = norm, "number" = number]
     );
-}
-
-/// Clusters of diffuse, blocking and glossy triangles: a room with boxes, and one with a glossy floor.
-#[test]
-fn clusters_stand_for_far_triangles() {
-    let settings = |scene: &Scene| {
-        let settings = scene.settings.bins(BinLayout::EqualAngle { theta: 6, phi: 8 }).near_field(10.0);
-        settings.transport(Transport::Hierarchical { error: 0.1 })
-    };
-    for name in ["scenes/cornell_boxes.toml", "scenes/glossy_floor.toml"] {
-        let scene = support::load(name);
-        compare(name, &scene, settings(&scene), |options| options);
-        let plan = Plan::new(&scene, &PlanOptions::default(), &settings(&scene)).expect("a plan");
-        assert!(plan.pairs().clusters > 0, "{name}: {}", plan.transport());
-    }
-}
-
-/// Volumes of diffuse and glossy balls, of several pages, with receivers of all kinds.
-#[test]
-fn volumes_stand_for_far_triangles() {
-    let bins = BinLayout::EqualAngle { theta: 4, phi: 7 };
-    compare_volumes("balls", &balls_on_a_glossy_floor(), SolveSettings::default().bins(bins));
-}
-
-#[test]
-#[ignore = "takes long: without colour, in double precision"]
-fn grey_volumes_in_double_precision() {
-    let mut scene = balls_on_a_glossy_floor();
-    for material in &mut scene.materials {
-        material.albedo = [0.5; 3];
-        material.specular = [material.specular[0]; 3];
-        material.emission = [material.emission[0]; 3];
-    }
-    let concentric = SolveSettings::default().bins(BinLayout::Concentric { n: 4 });
-    compare_volumes("grey balls, f64", &scene, concentric.precision(Precision::F64));
-}
-
-fn compare_volumes(name: &str, scene: &Scene, settings: SolveSettings) {
-    let settings = settings.near_field(10.0).lamps(Lamps::Antiradiance);
-    let settings = settings.transport(Transport::Hierarchical { error: 0.3 });
-    let small = |options: PlanOptions| options.page(256 << 10);
-    let plan = Plan::new(scene, &small(PlanOptions::default()), &settings).expect("a plan");
-    let volumes = plan.clusters().and_then(Clusters::volumes).expect("volumes");
-    assert!(volumes.run().heights.len() > 1 && plan.layout().groups.len() > 3, "{name}");
-    compare(name, scene, settings, small);
 }
 
 /// A step of GMRES on a GPU, after its pass: one submission, which the host waits for once, makes the vector orthonormal and brings its

@@ -1,109 +1,28 @@
 //! Which layer may use which: the graph of ARCHITECTURE.md, compared with the paths of the sources.
 
+#[path = "support/paths.rs"]
+mod paths;
+
+use paths::{Names, is_name, read, sources, words};
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
 
-/// Each layer, and all that it may use. The graph has no cycles: a layer stands below those that it uses.
-const LAYERS: [(&str, &[&str]); 30] = [
-    ("options", &[]),
-    ("watch", &[]),
-    ("parallel", &[]),
-    ("input", &[]),
-    ("output", &[]),
-    ("scene", &["input", "options", "output", "parallel"]),
-    ("model", &["parallel", "scene"]),
-    ("solve", &[]),
-    ("ranks", &["parallel"]),
-    ("usage", &[]),
-    ("gpu", &["input", "options", "output", "ranks", "usage", "watch"]),
-    ("direct", &["gpu", "model", "parallel", "ranks", "scene"]),
-    ("plan", &["direct", "model", "options", "parallel", "scene"]),
-    ("backend", &["gpu", "options", "ranks", "scene", "usage", "watch"]),
-    ("shaders", &["gpu", "scene"]),
-    (
-        "transport",
-        &[
-            "backend", "direct", "gpu", "model", "parallel", "plan", "ranks", "scene", "shaders", "solve",
-            "usage",
-        ],
-    ),
-    ("revision", &[]),
-    (
-        "engine",
-        &[
-            "backend",
-            "direct",
-            "gpu",
-            "model",
-            "options",
-            "plan",
-            "ranks",
-            "revision",
-            "scene",
-            "solve",
-            "transport",
-        ],
-    ),
-    ("gradients", &["direct", "engine", "model", "options", "plan", "ranks", "scene", "solve", "transport"]),
-    ("image", &["backend", "gpu", "input", "options", "output", "parallel", "ranks", "scene", "shaders"]),
-    ("export", &["output", "scene"]),
-    ("path_tracer", &["image", "parallel", "scene"]),
-    ("reference", &["model", "parallel", "scene", "solve"]),
-    ("warnings", &["direct", "model", "options", "parallel", "path_tracer", "plan", "scene"]),
-    (
-        "shading",
-        &[
-            "direct",
-            "engine",
-            "gpu",
-            "gradients",
-            "image",
-            "model",
-            "parallel",
-            "plan",
-            "ranks",
-            "scene",
-            "solve",
-        ],
-    ),
-    (
-        "render",
-        &["backend", "engine", "gradients", "image", "options", "plan", "ranks", "scene", "shading", "solve"],
-    ),
-    (
-        "target_error",
-        &["backend", "engine", "image", "model", "options", "plan", "scene", "shading", "solve", "warnings"],
-    ),
-    (
-        "fit",
-        &[
-            "backend",
-            "engine",
-            "export",
-            "gpu",
-            "gradients",
-            "image",
-            "input",
-            "options",
-            "output",
-            "parallel",
-            "plan",
-            "ranks",
-            "render",
-            "scene",
-            "shading",
-            "solve",
-            "warnings",
-            "watch",
-        ],
-    ),
-    ("ambiguity", &["backend", "engine", "image", "parallel", "plan", "scene", "solve", "watch"]),
-    (
-        "cli",
-        &["backend", "engine", "fit", "gpu", "image", "output", "plan", "scene", "shading", "solve", "watch"],
-    ),
-];
+/// Each layer, and all that it may use, by the graph of ARCHITECTURE.md.
+fn layers() -> Vec<(String, Vec<String>)> {
+    let text = fs::read_to_string("ARCHITECTURE.md").expect("ARCHITECTURE.md");
+    let (_, section) = text.split_once("### Dependencies").expect("a section on dependencies");
+    let names = |list: &str| list.split(',').map(|name| name.trim().to_owned()).collect::<Vec<_>>();
+    let rows = section.lines().skip_while(|line| !line.starts_with("    "));
+    rows.take_while(|line| line.starts_with("    "))
+        .flat_map(|line| match line.split_once('→') {
+            Some((name, uses)) => vec![(name.trim().to_owned(), names(uses))],
+            None => {
+                let free = line.strip_suffix("(nothing)").expect("an arrow, or `(nothing)`");
+                names(free).into_iter().map(|name| (name, Vec::new())).collect()
+            }
+        })
+        .collect()
+}
 
 /// The crates that hold several layers, one for each file or folder of their `src/`. The others are one layer each.
 const SEVERAL: [&str; 3] = ["base", "core", "render"];
@@ -130,61 +49,27 @@ fn layer_of<'a>(package: &'a str, name: &'a str) -> &'a str {
     }
 }
 
-/// The first names of all paths that start with a prefix, comments and the module of tests apart.
-fn used(source: &str, prefix: &str) -> Vec<String> {
-    let source = source.split("#[cfg(test)]\nmod tests").next().unwrap_or(source);
-    let code: String =
-        source.lines().map(|line| line.split("//").next().unwrap_or("").to_owned() + "\n").collect();
-    let mut names = Vec::new();
-    for (at, _) in code.match_indices(prefix) {
-        let boundary =
-            code[..at].chars().next_back().is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != '$');
-        let rest = &code[at + prefix.len()..];
-        if !boundary {
-            continue;
-        }
-        match rest.strip_prefix('{') {
-            // `use crate::{a::B, C}`: the names at the first level.
-            Some(list) => {
-                let (mut depth, mut start) = (0, true);
-                let mut name = String::new();
-                for c in list.chars() {
-                    match c {
-                        '{' => depth += 1,
-                        '}' if depth == 0 => break,
-                        '}' => depth -= 1,
-                        ',' if depth == 0 => {
-                            names.push(std::mem::take(&mut name));
-                            start = true;
-                        }
-                        c if depth == 0 && start && (c.is_alphanumeric() || c == '_') => name.push(c),
-                        ' ' | '\n' => {}
-                        _ => start = false,
-                    }
-                }
-                names.push(name);
-            }
-            None => names.push(rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()),
-        }
+/// The names that the paths of a source have behind a root, one for each run of paths with the same; not behind `$crate` in macros.
+fn used(source: &str, root: &str) -> Vec<String> {
+    let all = words(source);
+    let (mut words, mut paths) = (&all[..], Vec::new());
+    while let [word, rest @ ..] = words {
+        words = match (*word, rest) {
+            ("$", [_, rest @ ..]) => rest,
+            (word, _) if is_name(word) => read(words, &[], &mut paths),
+            _ => rest,
+        };
     }
-    names.retain(|name| !name.is_empty());
+    let behind = |path: Names| path.get(1).filter(|_| path[0] == root).cloned();
+    let mut names: Vec<String> = paths.into_iter().filter_map(behind).collect();
+    names.dedup();
     names
-}
-
-fn sources(path: &Path, found: &mut Vec<(String, String)>) {
-    if path.is_dir() {
-        for entry in fs::read_dir(path).expect("a folder of sources") {
-            sources(&entry.expect("an entry").path(), found);
-        }
-    } else if path.extension().is_some_and(|extension| extension == "rs") {
-        found.push((path.display().to_string(), fs::read_to_string(path).expect("a source file")));
-    }
 }
 
 #[test]
 fn arrows_go_one_way() {
     let packages = ["base", "gpu", "scene", "core", "render", "reference", "fit"];
-    let allowed: BTreeMap<&str, &[&str]> = LAYERS.into_iter().collect();
+    let allowed: BTreeMap<String, Vec<String>> = layers().into_iter().collect();
     let mut wrong = Vec::new();
     let folders = packages.map(|package| (package, format!("crates/{package}/src")));
     for (package, folder) in folders.into_iter().chain([("cli", "src/cli".to_owned())]) {
@@ -199,17 +84,18 @@ fn arrows_go_one_way() {
                 wrong.push(format!("{name} is not among the layers"));
                 continue;
             };
-            let mut files = Vec::new();
-            sources(&path, &mut files);
-            for (file, text) in files {
+            for (file, text) in sources(&path) {
                 // The root of the crate `antirad` has the names of `antirad-core`, and modules named as in their crates.
                 let own = if package == "cli" { "core" } else { package };
-                let roots = packages.map(|package| (package, format!("antirad_{package}::")));
-                for (root, prefix) in roots.into_iter().chain([(own, "crate::".to_owned())]) {
+                let roots = packages.map(|package| (package, format!("antirad_{package}")));
+                for (root, prefix) in roots.into_iter().chain([(own, "crate".to_owned())]) {
                     for used in used(&text, &prefix) {
                         let layer = layer_of(root, &used);
-                        if layer != name && !uses.contains(&layer) {
-                            wrong.push(format!("{file}: {name} may not use {layer} ({prefix}{used})"));
+                        if layer != name && uses.iter().all(|used| used != layer) {
+                            wrong.push(format!(
+                                "{}: {name} may not use {layer} ({prefix}::{used})",
+                                file.display()
+                            ));
                         }
                     }
                 }
@@ -221,11 +107,13 @@ fn arrows_go_one_way() {
 
 #[test]
 fn the_graph_has_no_cycles() {
-    let position: BTreeMap<&str, usize> =
-        LAYERS.iter().enumerate().map(|(i, (name, _))| (*name, i)).collect();
-    for (name, uses) in LAYERS {
+    let layers = layers();
+    for (i, (name, uses)) in layers.iter().enumerate() {
         for used in uses {
-            assert!(position[used] < position[name], "{name} uses {used}, which stands below it");
+            assert!(
+                layers[..i].iter().any(|(below, _)| below == used),
+                "{name} uses {used}, which must stand above it in ARCHITECTURE.md"
+            );
         }
     }
 }
@@ -234,5 +122,5 @@ fn the_graph_has_no_cycles() {
 fn paths_are_found() {
     let source = "use crate::{a::B, C, d::{e, f}};\nuse crate::g::{h};\n// crate::i\nlet x = crate::J::new(); mycrate::k\n\
                   #[cfg(test)]\nmod tests { use crate::l; }";
-    assert_eq!(used(source, "crate::"), ["a", "C", "d", "g", "J"]);
+    assert_eq!(used(source, "crate"), ["a", "C", "d", "g", "J"]);
 }

@@ -13,7 +13,7 @@ use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::ranks::{Ranks, in_threads};
 use antirad::render::Quantity;
 use antirad::scene::{
-    BinLayout, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, Transport, VisibilityChoice,
+    BinLayout, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice,
 };
 use antirad::{Cotangent, Engine, EngineError, SolveParams};
 use antirad_core::plan::Residency;
@@ -21,7 +21,7 @@ use glam::DVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::thread;
-use support::random::{balls_on_a_glossy_floor, random_scene, with_own_powers};
+use support::random::{random_scene, with_own_powers};
 use support::{backend, finish, load, placed, relative_l2, same_to_rounding};
 
 const BOTH: [BackendKind; 2] = [BackendKind::Cpu, BackendKind::Vulkan];
@@ -75,7 +75,6 @@ struct Found {
 fn found(backend: &Backend, scene: &Scene, settings: &SolveSettings, options: PlanOptions) -> Found {
     assert_eq!(options.ranks as usize, backend.ranks().count());
     let plan = Plan::new(scene, &options, settings).expect("a plan");
-    assert_eq!(plan.clusters().is_some(), settings.transport != Transport::Exact, "{}", plan.transport());
     // Some ranks may have no close pairs.
     let kept = plan.near_field_matrix().is_some();
     assert!(kept == options.keep_near_field || !kept && options.ranks > 1, "{}", plan.near_field());
@@ -125,7 +124,6 @@ fn room_of_glossy_walls() -> Scene {
 struct Case<'a> {
     name: &'a str,
     scene: &'a Scene,
-    transport: Transport,
     /// Close pairs are kept, in place of evaluated in each pass.
     keep: bool,
     gradients: GradientRequest,
@@ -139,9 +137,9 @@ struct Case<'a> {
 /// Each rank holds the bins of its own triangles, on its device or where these do not fit in host memory, and all see those of the others
 /// pass by: the same light and gradients as on one device but for the rounding of sums, and from run to run the same bytes.
 fn each_holds_its_own(case: &Case) {
-    let Case { scene, transport, keep, gradients, budget, ranks, .. } = *case;
+    let Case { scene, keep, gradients, budget, ranks, .. } = *case;
     // What holds of few bins holds of many.
-    let settings = scene.settings.tolerance(0.1).transport(transport).near_field(10.0);
+    let settings = scene.settings.tolerance(0.1).near_field(10.0);
     let settings = settings.bins(BinLayout::EqualAngle { theta: 4, phi: 6 });
     let solved = |backend: &Backend, budget: Option<u64>| {
         let options = PlanOptions::of(backend).keep_near_field(keep).tile(32).gradients(gradients);
@@ -156,9 +154,7 @@ fn each_holds_its_own(case: &Case) {
         if budget.is_some() {
             let resident = solved(&open(kind, None), None);
             assert!(!resident.on_host, "{name}");
-            // Groups, and with them clusters, depend on the windows.
-            let factor = if transport == Transport::Exact { 1.0 } else { 1e3 };
-            close_to(name, &alone.values, &resident.values, factor);
+            close_to(name, &alone.values, &resident.values);
         }
         let several = on_ranks(kind, ranks, |backend| solved(backend, budget));
         if case.twice {
@@ -169,7 +165,7 @@ fn each_holds_its_own(case: &Case) {
             let share = found.held as f64 / alone.held as f64;
             println!("{name}, rank {rank} of {ranks}: holds {share:.3}, received {received}");
             assert_eq!(found.on_host, budget.is_some(), "{name}");
-            close_to(name, &found.values, &alone.values, 1.0);
+            close_to(name, &found.values, &alone.values);
             assert!(*received > 0, "{name}: rank {rank} of {ranks}");
         }
     }
@@ -182,10 +178,9 @@ fn glossy() -> Scene {
     with_own_powers(random_scene(5, 150, true, false))
 }
 
-/// A case by the exact sum that keeps its close pairs, without gradients, on three devices.
+/// A case that keeps its close pairs, without gradients, on three devices.
 fn case<'a>(name: &'a str, scene: &'a Scene) -> Case<'a> {
-    let (transport, gradients) = (Transport::Exact, NOTHING);
-    Case { name, scene, transport, keep: true, gradients, budget: None, ranks: 3, twice: false }
+    Case { name, scene, keep: true, gradients: NOTHING, budget: None, ranks: 3, twice: false }
 }
 
 #[test]
@@ -203,34 +198,15 @@ fn ranks_hold_their_own_states() {
 }
 
 #[test]
-fn ranks_hold_their_own_clusters() {
-    let (boxes, balls) = (load("scenes/cornell_boxes.toml"), balls_on_a_glossy_floor());
-    let transport = clusters(0.1);
-    let few = NOTHING.emission(true).positions(true);
-    each_holds_its_own(&Case { transport, keep: false, ..case("balls", &balls) });
-    each_holds_its_own(&Case { transport, gradients: few, ranks: 2, ..case("boxes", &boxes) });
-}
-
-#[test]
 fn ranks_hold_their_own_states_on_the_host() {
-    let (boxes, glossy) = (load("scenes/cornell_boxes.toml"), glossy());
+    let glossy = glossy();
     let everything = GradientRequest::EVERYTHING;
-    let few = NOTHING.emission(true).positions(true);
     let stated = case("glossy, on the host", &glossy);
     each_holds_its_own(&Case {
         gradients: everything,
         keep: false,
         budget: Some(500_000),
         twice: true,
-        ..stated
-    });
-    let (transport, stated) = (clusters(0.1), case("boxes, on the host", &boxes));
-    each_holds_its_own(&Case {
-        transport,
-        gradients: few,
-        keep: false,
-        budget: Some(3_000_000),
-        ranks: 2,
         ..stated
     });
 }
@@ -241,20 +217,13 @@ fn ranks_hold_their_own_states_on_the_host() {
 fn ranks_part_the_memory_of_states() {
     let scene = load("scenes/cornell_boxes_fine.toml");
     let (cpu, vulkan) = (PlanOptions::default(), PlanOptions::lavapipe());
-    for (usual, transport, budget) in [
-        (cpu, Transport::Exact, None),
-        (cpu, clusters(0.02), None),
-        (vulkan, Transport::Exact, None),
-        (vulkan, clusters(0.02), None),
-        (vulkan, Transport::Exact, Some(6 << 20)),
-    ] {
-        let settings = scene.settings.transport(transport);
+    for (usual, budget) in [(cpu, None), (vulkan, None), (vulkan, Some(6 << 20))] {
         // Bytes of states and of the window.
         let held = |rank: u32, ranks: u32| {
             let options = usual.keep_near_field(false).tile(32);
             let options = options.rank(rank).ranks(ranks);
             let options = budget.map_or(options, |budget| options.memory_budget(budget));
-            let plan = Plan::new(&scene, &options, &settings).expect("a plan");
+            let plan = Plan::new(&scene, &options, &scene.settings).expect("a plan");
             assert_eq!(plan.residency() != Residency::Device, budget.is_some());
             let states = plan.report().states;
             let (irradiance, vectors) = (plan.irradiance_bytes(), u64::from(plan.vectors()));
@@ -276,22 +245,14 @@ fn ranks_part_the_memory_of_states() {
             let once = all - u64::from(ranks - 1) * vectors * irradiance;
             assert!(once.abs_diff(alone) <= u64::from(ranks) * 64 * vectors * 256, "{once}, {alone}");
             for [own, window, ..] in of {
-                println!(
-                    "{}, {transport:?}, of {ranks} ranks: {own} and {window} of {alone} bytes",
-                    usual.backend
-                );
+                println!("{}, of {ranks} ranks: {own} and {window} of {alone} bytes", usual.backend);
                 // Some triangles have more close pairs, and work is parted, not triangles.
                 assert!((own * u64::from(ranks)) as f64 <= 1.6 * alone as f64);
-                // The part of a rank in whole dispatches, of 2048 sources; with clusters a group.
-                let part = bins / if transport == Transport::Exact { f64::from(ranks) } else { 1.0 };
-                assert!(window as f64 <= (part / dispatch).ceil() * dispatch);
+                // The part of a rank in whole dispatches, of 2048 sources.
+                assert!(window as f64 <= (bins / f64::from(ranks) / dispatch).ceil() * dispatch);
             }
         }
     }
-}
-
-fn clusters(error: f64) -> Transport {
-    Transport::Hierarchical { error }
 }
 
 /// A cotangent of irradiance, radiosity and of what a camera sees.
@@ -303,13 +264,13 @@ fn everything_matters(scene: &Scene, eye: DVec3) -> Cotangent {
         .colours(vec![(eye, loss(2).collect())])
 }
 
-/// Whether each of some quantities is the same but for rounding, times `factor`: light and then gradients.
-fn close_to(name: &str, found: &[Vec<[f64; 3]>], wanted: &[Vec<[f64; 3]>], factor: f64) {
+/// Whether each of some quantities is the same but for rounding: light and then gradients.
+fn close_to(name: &str, found: &[Vec<[f64; 3]>], wanted: &[Vec<[f64; 3]>]) {
     assert_eq!(found.len(), wanted.len(), "{name}");
     for (k, (found, wanted)) in found.iter().zip(wanted).enumerate() {
         let off = relative_l2(found, wanted, &vec![1.0; wanted.len()]);
         println!("{name}, quantity {k}: {off:.1e}");
-        let most = factor * if k < 3 { 2e-6 } else { 2e-5 };
+        let most = if k < 3 { 2e-6 } else { 2e-5 };
         assert!(wanted.is_empty() || off <= most, "{name}, quantity {k}: {off}");
     }
 }
@@ -346,17 +307,17 @@ fn ranks_share_pictures() {
             let lit = alone.iter().all(|values| values.iter().flatten().any(|value| *value != 0.0));
             assert!(lit, "{name}");
             for (found, received) in on_ranks(kind, 3, made) {
-                close_to(name, &found, &alone, 1.0);
+                close_to(name, &found, &alone);
                 assert!(received > 0);
             }
         }
     }
 }
 
-/// Pairs of far triangles and clusters that a backend has evaluated.
+/// Pairs of far triangles that a backend has evaluated.
 fn far_pairs(backend: &Backend) -> u64 {
     let far = |kernel: &str| match backend.kind() {
-        BackendKind::Vulkan => kernel.starts_with("transport") || kernel.starts_with("cluster"),
+        BackendKind::Vulkan => kernel.starts_with("transport"),
         BackendKind::Cpu => kernel == "far",
     };
     backend.profile().into_iter().filter(|row| far(&row.kernel)).map(|row| row.items).sum()
@@ -391,14 +352,10 @@ fn a_smaller_budget_gets_less() {
     let scene = load("scenes/cornell_boxes.toml");
     let budgets = [1 << 29, 1 << 28].map(Some);
     let wanted = [2.0 / 3.0, 1.0 / 3.0];
-    for (kind, transport, on_host) in [
-        (BackendKind::Cpu, Transport::Exact, None),
-        (BackendKind::Cpu, Transport::Hierarchical { error: 0.02 }, None),
-        (BackendKind::Vulkan, Transport::Exact, None),
-        (BackendKind::Vulkan, Transport::Hierarchical { error: 0.02 }, None),
-        (BackendKind::Vulkan, Transport::Exact, Some(4 << 20)),
-    ] {
-        let settings = scene.settings.max_passes(2).tolerance(0.9).transport(transport);
+    for (kind, on_host) in
+        [(BackendKind::Cpu, None), (BackendKind::Vulkan, None), (BackendKind::Vulkan, Some(4 << 20))]
+    {
+        let settings = scene.settings.max_passes(2).tolerance(0.9);
         let solved = |backend: &Backend| {
             let options = PlanOptions::of(backend).keep_near_field(false).tile(32);
             let options = on_host.map_or(options, |budget| options.memory_budget(budget));
@@ -414,19 +371,16 @@ fn a_smaller_budget_gets_less() {
         assert_eq!(several.iter().map(|((pairs, ..), _)| pairs).sum::<u64>(), alone.0);
         for (((pairs, held, irradiance), _), wanted) in several.into_iter().zip(wanted) {
             let share = pairs as f64 / alone.0 as f64;
-            println!(
-                "{kind}, {transport:?}: {share:.3} of all pairs, {held} of {} bytes on the host",
-                alone.1
-            );
+            println!("{kind}: {share:.3} of all pairs, {held} of {} bytes on the host", alone.1);
             // Close pairs are most of the work, and tiles have different numbers of them.
-            assert!((share - wanted).abs() < 0.05, "{kind}, {transport:?}: {share}");
+            assert!((share - wanted).abs() < 0.05, "{kind}: {share}");
             match on_host {
-                None => close_to("on devices", &[irradiance], std::slice::from_ref(&alone.2), 1.0),
+                None => close_to("on devices", &[irradiance], std::slice::from_ref(&alone.2)),
                 Some(_) => {
                     let share = held as f64 / alone.1 as f64;
                     // The same, and irradiance is everywhere; even shares would be .15 off.
                     assert!((share - wanted).abs() < 0.1, "{share} of states");
-                    close_to("on the host", &[irradiance], std::slice::from_ref(&alone.2), 1.0);
+                    close_to("on the host", &[irradiance], std::slice::from_ref(&alone.2));
                 }
             }
         }

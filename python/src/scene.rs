@@ -480,6 +480,7 @@ impl Scene {
         dict.set_item("backend", settings.backend.to_string())?;
         dict.set_item("lamps", format!("{:?}", settings.lamps).to_lowercase())?;
         dict.set_item("visibility", format!("{:?}", settings.visibility).to_lowercase())?;
+        dict.set_item("ray_error", settings.ray_error)?;
         Ok(dict)
     }
 
@@ -496,12 +497,13 @@ impl Scene {
     ///         "antiradiance", or "auto" by what it costs.
     ///     visibility: "implicit" (by antiradiance), "explicit" (by rays, without derivatives by positions), or "auto":
     ///         explicit where blockers are dense.
+    ///     ray_error: Standard error of the irradiance that rays bring, relative to its mean over the area.
     ///
     /// Raises:
     ///     ValueError: A word is unknown.
     ///     SceneError: A number is out of range.
     #[pyo3(signature = (*, bins=None, near_field=None, tolerance=None, max_passes=None, solver=None,
-        precision=None, lamps=None, visibility=None))]
+        precision=None, lamps=None, visibility=None, ray_error=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments")]
     fn with_settings(
         &self,
@@ -513,6 +515,7 @@ impl Scene {
         precision: Option<&str>,
         lamps: Option<&str>,
         visibility: Option<&str>,
+        ray_error: Option<f64>,
     ) -> PyResult<Self> {
         let mut scene = (*self.inner).clone();
         let settings = &mut scene.settings;
@@ -522,6 +525,7 @@ impl Scene {
         settings.near_field = near_field.unwrap_or(settings.near_field);
         settings.tolerance = tolerance.unwrap_or(settings.tolerance);
         settings.max_passes = max_passes.unwrap_or(settings.max_passes);
+        settings.ray_error = ray_error.unwrap_or(settings.ray_error);
         if let Some(solver) = solver {
             settings.solver = word("solver", solver)?;
         }

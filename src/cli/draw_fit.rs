@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// Draws into `directory`, beside what [`results::write`] leaves there; each file appears whole or not at all.
 ///
-/// - `loss.svg`, `loss.png`: the loss over the iterations.
+/// - `loss.svg`: the loss over the iterations.
 /// - `VIEW.png`: target, fitted picture in its exposure, and error side by side.
 pub fn draw_fit(directory: &Path, job: &Job, outcome: &Outcome) -> Result<(), FitError> {
     plot(directory, job, &outcome.history)?;

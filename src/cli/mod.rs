@@ -14,7 +14,6 @@ pub use values::{LAMPS, ORIENTATIONS, PRECISIONS, REFLECTIONS, SHADINGS, SOLVERS
 pub use backend::BackendArguments;
 pub use draw_fit::draw_fit;
 pub use interrupt::Interrupt;
-use plot::register_font;
 pub use plot::{Curve, Drawn, LogPlot, slope};
 pub use progress::{PartsBar, SolveBar, Working};
 pub use sheet::{Panel, Sheet, heat, percentile, signed_heat, white_point};

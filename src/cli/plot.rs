@@ -1,14 +1,21 @@
-//! Plots of measurements with logarithmic axes, as SVG and PNG.
+//! Plots of measurements with logarithmic axes, as SVG.
 
 use crate::output::{OutputError, atomic_write};
-use plotters::coord::Shift;
-use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
-use plotters::prelude::*;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::Path;
 
-const WIDTH: u32 = 900;
-const HEIGHT: u32 = 640;
+/// Size of a plot, pixels, and what is left free around the axes for texts.
+const WIDTH: f64 = 900.0;
+const HEIGHT: f64 = 640.0;
+const LEFT: f64 = 96.0;
+const RIGHT: f64 = 16.0;
+const TOP: f64 = 52.0;
+const BOTTOM: f64 = 64.0;
+/// Colours that most people can tell apart (Okabe and Ito, "Color Universal Design", 2008).
+const COLOURS: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
+/// Height of a line of the legend, and a generous width of a letter in it, pixels.
+const LINE: f64 = 22.0;
+const LETTER: f64 = 8.5;
 
 /// One curve: points in the plot's units, and its text in the legend.
 pub struct Curve {
@@ -45,117 +52,155 @@ pub struct LogPlot {
     pub linear_x: bool,
 }
 
-impl LogPlot {
-    /// Writes `path` with the endings svg and png.
-    pub fn write(&self, path: &Path) -> Result<(), OutputError> {
-        register_font();
-        let mut svg = String::new();
-        let drawn = self.draw(SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area());
-        atomic_write(&path.with_extension("svg"), |file| {
-            drawn.map_err(io::Error::other)?;
-            file.write_all(svg.as_bytes())
-        })?;
-        let mut pixels = vec![0; (WIDTH * HEIGHT * 3) as usize];
-        let drawn = self.draw(BitMapBackend::with_buffer(&mut pixels, (WIDTH, HEIGHT)).into_drawing_area());
-        atomic_write(&path.with_extension("png"), |file| {
-            drawn.map_err(io::Error::other)?;
-            let encoder = image::codecs::png::PngEncoder::new(file);
-            let kind = image::ExtendedColorType::Rgb8;
-            image::ImageEncoder::write_image(encoder, &pixels, WIDTH, HEIGHT, kind).map_err(io::Error::other)
-        })
+/// An axis: its ends, where they lie in the picture, and whether it is logarithmic.
+struct Axis {
+    ends: [f64; 2],
+    pixels: [f64; 2],
+    log: bool,
+}
+
+impl Axis {
+    fn place(&self, value: f64) -> f64 {
+        let [low, high] = self.ends;
+        let share =
+            if self.log { (value / low).ln() / (high / low).ln() } else { (value - low) / (high - low) };
+        self.pixels[0] + share * (self.pixels[1] - self.pixels[0])
     }
 
-    fn draw<B: DrawingBackend>(&self, area: DrawingArea<B, Shift>) -> Result<(), String>
-    where
-        B::ErrorType: 'static,
-    {
-        self.draw_on(&area).map_err(|error| error.to_string())
-    }
-
-    fn draw_on<B: DrawingBackend>(
-        &self,
-        area: &DrawingArea<B, Shift>,
-    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>>
-    where
-        B::ErrorType: 'static,
-    {
-        let points = || self.curves.iter().flat_map(|c| &c.points).filter(|p| p.1 > 0.0);
-        let ends = |of: fn(&(f64, f64)) -> f64| {
-            let (low, high) = points().map(of).fold((f64::MAX, f64::MIN), |(l, h), v| (v.min(l), v.max(h)));
-            if low <= high { (low, high) } else { (1.0, 1.0) }
+    /// Values with a line and a number: round ones, at least four where the axis has as many.
+    fn ticks(&self) -> Vec<f64> {
+        let [low, high] = self.ends;
+        let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
+        let within = |value: &f64| (low * (1.0 - 1e-9)..=high * (1.0 + 1e-9)).contains(value);
+        let of = |steps: &[f64]| -> Vec<f64> {
+            let all =
+                decades.clone().flat_map(|decade| steps.iter().map(move |step| step * 10f64.powi(decade)));
+            all.filter(within).collect()
         };
-        let range = |of| {
-            let (low, high) = ends(of);
-            low * 0.8..high * 1.25
-        };
-        if self.linear_x {
-            let (low, high) = ends(|p| p.0);
-            self.draw_with(area, low..high.max(low + 1.0), range(|p| p.1))
-        } else {
-            self.draw_with(area, range(|p| p.0).log_scale(), range(|p| p.1))
+        if self.log {
+            let few = of(&[1.0]);
+            return if few.len() < 4 { of(&[1.0, 2.0, 5.0]) } else { few };
         }
+        let rough = (high - low) / 8.0;
+        let decade = 10f64.powf(rough.log10().floor());
+        let step = [1.0, 2.0, 5.0, 10.0].map(|step| step * decade).into_iter().find(|step| *step >= rough);
+        let step = step.unwrap_or(rough);
+        let (first, last) = ((low / step).ceil() as i64, (high / step).floor() as i64);
+        (first..=last).map(|k| k as f64 * step).collect()
+    }
+}
+
+impl LogPlot {
+    /// Writes `path` with the ending svg.
+    pub fn write(&self, path: &Path) -> Result<(), OutputError> {
+        atomic_write(&path.with_extension("svg"), |file| file.write_all(self.svg().as_bytes()))
     }
 
-    fn draw_with<B: DrawingBackend, X>(
-        &self,
-        area: &DrawingArea<B, Shift>,
-        x: X,
-        y: std::ops::Range<f64>,
-    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>>
-    where
-        B::ErrorType: 'static,
-        X: AsRangedCoord<Value = f64>,
-        X::CoordDescType: ValueFormatter<f64>,
-    {
-        area.fill(&WHITE)?;
-        let mut chart = ChartBuilder::on(area)
-            .caption(&self.title, ("sans-serif", 24))
-            .margin(16)
-            .x_label_area_size(48)
-            .y_label_area_size(80)
-            .build_cartesian_2d(x, y.log_scale())?;
-        // Ticks of logarithmic axes are powers of ten but for rounding.
-        let number = |v: &f64| match v.abs() {
-            0.0 => "0".to_owned(),
-            size if (1e-3..1e4).contains(&size) => format!("{}", (v * 1e6).round() / 1e6),
-            _ => format!("{v:.0e}"),
+    fn axes(&self) -> [Axis; 2] {
+        let ends = |of: fn(&(f64, f64)) -> f64| {
+            let points = self.curves.iter().flat_map(shown).map(of);
+            let (low, high) = points.fold((f64::MAX, f64::MIN), |(l, h), v| (v.min(l), v.max(h)));
+            if low <= high { [low, high] } else { [1.0, 1.0] }
         };
-        chart
-            .configure_mesh()
-            .x_desc(&self.x)
-            .y_desc(&self.y)
-            .label_style(("sans-serif", 15))
-            .axis_desc_style(("sans-serif", 17))
-            .x_label_formatter(&number)
-            .y_label_formatter(&number)
-            .draw()?;
-        let shown = |curve: &Curve| curve.points.clone().into_iter().filter(|p| p.1 > 0.0);
+        let wider = |[low, high]: [f64; 2]| [low * 0.8, high * 1.25];
+        let x = ends(|p| p.0);
+        let x = if self.linear_x { [x[0], x[1].max(x[0] + 1.0)] } else { wider(x) };
+        [
+            Axis { ends: x, pixels: [LEFT, WIDTH - RIGHT], log: !self.linear_x },
+            Axis { ends: wider(ends(|p| p.1)), pixels: [HEIGHT - BOTTOM, TOP], log: true },
+        ]
+    }
+
+    fn svg(&self) -> String {
+        let [x, y] = self.axes();
+        // Texts lie over all else.
+        let mut texts = Vec::new();
+        let mut parts = vec![format!(
+            r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" font-family="sans-serif" font-size="15">
+<rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>"#
+        )];
+        let mut text = |x: f64, y: f64, style: &str, text: &str| {
+            let text = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+            texts.push(format!(r#"<text x="{x:.1}" y="{y:.1}" {style}>{text}</text>"#));
+        };
+        let middle = r#"text-anchor="middle" font-size="17""#;
+        text(WIDTH / 2.0, 32.0, r#"text-anchor="middle" font-size="24""#, &self.title);
+        text((LEFT + WIDTH - RIGHT) / 2.0, HEIGHT - 16.0, middle, &self.x);
+        let across = (TOP + HEIGHT - BOTTOM) / 2.0;
+        text(24.0, across, &format!(r#"{middle} transform="rotate(-90 24 {across})""#), &self.y);
+        for tick in x.ticks() {
+            text(x.place(tick), HEIGHT - BOTTOM + 20.0, r#"text-anchor="middle""#, &number(tick));
+        }
+        for tick in y.ticks() {
+            text(LEFT - 8.0, y.place(tick) + 5.0, r#"text-anchor="end""#, &number(tick));
+        }
+        let width =
+            self.curves.iter().map(|c| c.label.chars().count()).max().unwrap_or(0) as f64 * LETTER + 48.0;
+        let legend = if self.linear_x { WIDTH - RIGHT - width - 8.0 } else { LEFT + 8.0 };
+        for (k, curve) in self.curves.iter().enumerate() {
+            text(legend + 38.0, TOP + 13.0 + LINE * (k as f64 + 0.7), "", &curve.label);
+        }
+
+        let mut line = |[a, b]: [f64; 2], [c, d]: [f64; 2], stroke: &str| {
+            parts.push(format!(r#"<path d="M{a:.1} {b:.1}L{c:.1} {d:.1}" stroke="{stroke}"/>"#));
+        };
+        let (bottom, right) = (HEIGHT - BOTTOM, WIDTH - RIGHT);
+        for at in x.ticks().into_iter().map(|tick| x.place(tick)) {
+            line([at, TOP], [at, bottom], "#ddd");
+        }
+        for at in y.ticks().into_iter().map(|tick| y.place(tick)) {
+            line([LEFT, at], [right, at], "#ddd");
+        }
+        line([LEFT, TOP], [LEFT, bottom], "black");
+        line([LEFT, bottom], [right, bottom], "black");
         // Many marks would hide each other.
         let mark = if self.curves.iter().map(|c| c.points.len()).sum::<usize>() > 60 { 2 } else { 4 };
+        let mut keys = Vec::new();
         for (k, curve) in self.curves.iter().enumerate() {
-            let colour = Palette99::pick(k).to_rgba();
+            let (colour, row) = (COLOURS[k % COLOURS.len()], TOP + 8.0 + LINE * (k as f64 + 0.7));
             let width = if curve.drawn == Drawn::Line { 1 } else { 2 };
-            let line = if curve.drawn == Drawn::Points { Vec::new() } else { shown(curve).collect() };
-            chart
-                .draw_series(LineSeries::new(line, colour.stroke_width(width)))?
-                .label(&curve.label)
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(width)));
-            if curve.drawn != Drawn::Line {
-                chart.draw_series(shown(curve).map(|p| Circle::new(p, mark, colour.filled())))?;
+            let places: Vec<[f64; 2]> = shown(curve).map(|p| [x.place(p.0), y.place(p.1)]).collect();
+            if curve.drawn != Drawn::Points {
+                let points: Vec<String> = places.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+                let points = points.join(" ");
+                parts.push(format!(
+                    r#"<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width}"/>"#
+                ));
             }
+            if curve.drawn != Drawn::Line {
+                let circle = |[x, y]: &[f64; 2]| {
+                    format!(r#"<circle cx="{x:.1}" cy="{y:.1}" r="{mark}" fill="{colour}"/>"#)
+                };
+                parts.extend(places.iter().map(circle));
+            }
+            let from = legend + 8.0;
+            keys.push(format!(
+                r#"<path d="M{from:.1} {row:.1}h22" stroke="{colour}" stroke-width="{width}"/>"#
+            ));
         }
-        chart
-            .configure_series_labels()
-            .position(if self.linear_x {
-                SeriesLabelPosition::UpperRight
-            } else {
-                SeriesLabelPosition::UpperLeft
-            })
-            .label_font(("sans-serif", 16))
-            .background_style(WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.3))
-            .draw()?;
-        area.present()
+        let height = LINE * self.curves.len() as f64 + 8.0;
+        let top = TOP + 8.0;
+        parts.push(format!(
+            r##"<rect x="{legend:.1}" y="{top}" width="{width:.1}" height="{height:.1}" fill="white" fill-opacity="0.85" stroke="#aaa"/>"##
+        ));
+        parts.extend(keys);
+        parts.extend(texts);
+        parts.push("</svg>\n".to_owned());
+        parts.join("\n")
+    }
+}
+
+/// Points above 0, which a logarithmic axis can show.
+fn shown(curve: &Curve) -> impl Iterator<Item = &(f64, f64)> {
+    curve.points.iter().filter(|point| point.1 > 0.0)
+}
+
+fn number(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        // Ticks of logarithmic axes are round but for rounding.
+        size if (1e-3..1e4).contains(&size) => format!("{}", (value * 1e6).round() / 1e6),
+        _ => format!("{value:.0e}"),
     }
 }
 
@@ -170,13 +215,6 @@ pub fn slope(points: &[(f64, f64)]) -> Option<f64> {
     (xx > 0.0).then(|| xy / xx)
 }
 
-/// Text needs a font, and a server may have none, so one is built in.
-pub(super) fn register_font() {
-    // It fails only for a damaged font; then drawing fails too, with an error.
-    let _ =
-        plotters::style::register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,22 +227,30 @@ mod tests {
         assert_eq!(slope(&points[..1]), None);
     }
 
+    fn plot(points: Vec<(f64, f64)>, linear_x: bool) -> LogPlot {
+        let curves = vec![Curve { label: "a < b".to_owned(), points, drawn: Drawn::Curve }];
+        let [title, x, y] = ["memory", "triangles", "bytes"].map(str::to_owned);
+        LogPlot { title, x, y, curves, linear_x }
+    }
+
     #[test]
-    fn plots_are_pictures() {
+    fn plots_are_drawings() {
         let folder = tempfile::tempdir().expect("a folder");
-        let points = vec![(1e4, 2e6), (1e5, 2.1e7)];
-        let plot = LogPlot {
-            title: "memory".to_owned(),
-            x: "triangles".to_owned(),
-            y: "bytes".to_owned(),
-            curves: vec![Curve { label: "ours".to_owned(), points, drawn: Drawn::Curve }],
-            linear_x: false,
-        };
-        plot.write(&folder.path().join("plot")).expect("a plot");
-        assert!(
-            std::fs::read_to_string(folder.path().join("plot.svg")).is_ok_and(|t| t.contains("triangles"))
-        );
-        let picture = image::open(folder.path().join("plot.png")).expect("a picture").to_rgb8();
-        assert!(picture.pixels().any(|p| p.0 != [255; 3]) && picture.dimensions() == (WIDTH, HEIGHT));
+        plot(vec![(1e4, 2e6), (1e5, 2.1e7)], false).write(&folder.path().join("plot")).expect("a plot");
+        let text = std::fs::read_to_string(folder.path().join("plot.svg")).expect("a plot");
+        for part in ["triangles", "a &lt; b", "1e5", "<circle", "<polyline"] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        // Without a value that can be shown it is empty.
+        assert!(!plot(vec![(0.0, 0.0)], true).svg().contains("NaN"));
+    }
+
+    #[test]
+    fn ticks_are_round() {
+        let axis = |ends, log| Axis { ends, pixels: [0.0, 1.0], log };
+        assert_eq!(axis([1.0, 90.0], true).ticks().len(), 6);
+        assert_eq!(axis([0.5, 2e4], true).ticks().len(), 5);
+        assert_eq!(axis([0.0, 40.0], false).ticks(), [0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0]);
+        assert_eq!(axis([10.0, 1000.0], true).place(100.0), 0.5);
     }
 }

@@ -1,11 +1,10 @@
 //! Pictures side by side under captions, and false colours for differences.
 
-use super::register_font;
 use crate::image::{Exposure, ImageError, Picture, ToneMap};
+use antirad_scene::linear_from_srgb;
+use font8x8::legacy::{BASIC_LEGACY, LATIN_LEGACY};
 use glam::DVec3;
 use image::codecs::png::FilterType;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::Path;
 
 /// Height of the line of text above each panel, and space between panels, pixels.
@@ -38,11 +37,16 @@ pub struct Sheet {
     pub limit: Option<f64>,
 }
 
-/// A text and its anchor: the middle of its upper edge, or its upper left corner.
+/// Rows and columns of a letter in the font. Its rows are drawn twice.
+const FONT: u32 = 8;
+/// Columns of a letter without a lit pixel, and those that are free behind a letter.
+const BLANK: u32 = 4;
+const FREE: u32 = 1;
+
+/// A text and its upper left corner.
 struct Text {
     text: String,
     at: (u32, u32),
-    anchor: HPos,
 }
 
 impl Sheet {
@@ -66,7 +70,7 @@ impl Sheet {
             for (column, panel) in panels.iter().enumerate() {
                 let (left, top) = corner(row, column);
                 let at = (left + 4, top - CAPTION + 4);
-                texts.push(Text { text: panel.caption.clone(), at, anchor: HPos::Left });
+                texts.push(Text { text: panel.caption.clone(), at });
                 for (y, x) in (0..high).flat_map(|y| (0..wide).map(move |x| (y, x))) {
                     let from = (y / zoom * self.width + x / zoom) as usize;
                     pixels[((top + y) * whole.0 + left + x) as usize] = panel.pixels[from];
@@ -83,12 +87,22 @@ impl Sheet {
             for k in 0..=4 {
                 let share = f64::from(k) / 2.0 - 1.0;
                 let text = if k == 2 { "0".to_owned() } else { format!("{:+}", share * limit) };
-                let at = (left + k * length / 4, top + BAR + 3);
-                texts.push(Text { text, at, anchor: HPos::Center });
+                let middle = left + k * length / 4;
+                let width: u32 = text.chars().map(|of| Letter::new(of).width).sum();
+                let at = (middle.saturating_sub(width / 2), top + BAR + 3);
+                texts.push(Text { text, at });
             }
         }
-        for (pixel, text) in pixels.iter_mut().zip(draw(&texts, whole)) {
-            *pixel = pixel.max(DVec3::splat(text));
+        for Text { text, at } in &texts {
+            let mut left = at.0;
+            for Letter { lit, width } in text.chars().map(Letter::new) {
+                for (x, y) in lit.into_iter().map(|(x, y)| (left + x, at.1 + y)) {
+                    if x < whole.0 && y < whole.1 {
+                        pixels[(y * whole.0 + x) as usize] = DVec3::ONE;
+                    }
+                }
+                left += width;
+            }
         }
         let pixels = pixels.into_iter().map(|p| p.as_vec3().extend(1.0).to_array()).collect();
         let picture = Picture { width: whole.0, height: whole.1, pixels };
@@ -97,21 +111,29 @@ impl Sheet {
     }
 }
 
-/// Brightness of texts, 0 to 1, for a picture of this size.
-fn draw(texts: &[Text], (width, height): (u32, u32)) -> impl Iterator<Item = f64> {
-    register_font();
-    let mut pixels = vec![0; (3 * width * height) as usize];
-    {
-        let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
-        for Text { text, at, anchor } in texts {
-            let style = ("sans-serif", 15).into_font().color(&WHITE).pos(Pos::new(*anchor, VPos::Top));
-            // A picture without its text is better than none.
-            if let Err(error) = area.draw_text(text, &style, (at.0 as i32, at.1 as i32)) {
-                tracing::debug!("no caption: {error}");
-            }
-        }
+/// A letter as wide as what is lit of it.
+struct Letter {
+    /// The pixels that are lit, column and row.
+    lit: Vec<(u32, u32)>,
+    /// Columns to the next letter.
+    width: u32,
+}
+
+impl Letter {
+    /// What the font does not have is a question mark.
+    fn new(of: char) -> Self {
+        let latin = (of as usize).checked_sub(0xa0).and_then(|k| LATIN_LEGACY.get(k));
+        let rows = BASIC_LEGACY.get(of as usize).or(latin).unwrap_or(&BASIC_LEGACY['?' as usize]);
+        let places = (0..2 * FONT).flat_map(|y| (0..FONT).map(move |x| (x, y)));
+        let mut lit: Vec<(u32, u32)> =
+            places.filter(|&(x, y)| rows[(y / 2) as usize] >> x & 1 == 1).collect();
+        let columns = || lit.iter().map(|&(x, _)| x);
+        let (Some(first), Some(last)) = (columns().min(), columns().max()) else {
+            return Self { lit, width: BLANK };
+        };
+        lit.iter_mut().for_each(|(x, _)| *x -= first);
+        Self { lit, width: last - first + 1 + FREE }
     }
-    (0..(width * height) as usize).map(move |at| f64::from(pixels[3 * at]) / 255.0)
 }
 
 /// The radiance to show as white: the 95th percentile of the pixels that are not black, so that a lamp that fills a few
@@ -137,12 +159,9 @@ pub fn signed_heat(share: f64) -> DVec3 {
     linear(colorous::RED_BLUE.eval_continuous((0.5 - 0.5 * share).clamp(0.0, 1.0)))
 }
 
-/// Linear values of an sRGB colour, by the transfer function of IEC 61966-2-1.
+/// Linear values of a colour.
 fn linear(colour: colorous::Color) -> DVec3 {
-    let channel = |byte: u8| match f64::from(byte) / 255.0 {
-        encoded if encoded <= 0.040_45 => encoded / 12.92,
-        encoded => ((encoded + 0.055) / 1.055).powf(2.4),
-    };
+    let channel = |byte: u8| linear_from_srgb(f64::from(byte) / 255.0);
     DVec3::new(channel(colour.r), channel(colour.g), channel(colour.b))
 }
 
@@ -171,6 +190,18 @@ mod tests {
         let (blue, red) = (bar(MARGIN), bar(300 - MARGIN - 1));
         assert!(blue[2] > 2 * blue[0] && red[0] > 2 * red[2], "{blue:?} {red:?}");
         assert!(bar(150).iter().all(|value| *value > 220));
+    }
+
+    /// The units of pictures have their squares, and the widest caption of a comparison fits its panel.
+    #[test]
+    fn captions_are_whole() {
+        let lit = |of: char| Letter::new(of).lit;
+        assert!(['²', '|', 'W', 'é'].into_iter().all(|of| !lit(of).is_empty() && lit(of) != lit('?')));
+        assert_eq!((lit('漢'), lit(' ')), (lit('?'), Vec::new()));
+        let width = |text: &str| text.chars().map(|of| Letter::new(of).width).sum::<u32>();
+        for caption in ["target, white = 0.261 W/(m² sr)", "|difference|, to 1.2e-10 W/(m² sr)"] {
+            assert!(width(caption) <= LEAST_WIDTH - 8, "{}", width(caption));
+        }
     }
 
     #[test]

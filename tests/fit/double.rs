@@ -26,11 +26,6 @@ pub struct Double {
     /// Share of the latest pictures that the next ones keep, like solves that start from earlier ones.
     pub memory: f64,
     pub kept: DVec3,
-    /// How much pictures depend on the scene that a choice was made for.
-    pub chooses: f64,
-    /// The brightest albedo of that scene: the choice serves scenes in which it is much the same.
-    pub chosen_for: Option<f64>,
-    pub choices: u64,
 }
 
 impl Double {
@@ -91,15 +86,10 @@ impl Renderer for Double {
         if self.limit.is_some_and(|limit| brightest > limit) {
             return Err(RenderError::NoAnswer(String::from("too bright")));
         }
-        if self.chosen_for.is_none_or(|then| (then - brightest).abs() > 0.25) {
-            self.chosen_for = Some(brightest);
-            self.choices += 1;
-        }
         self.latest = Some(scene.clone());
         let incident: Vec<DVec3> =
             (0..scene.triangles.len()).map(|t| place(scene, t) * emitted(scene, t)).collect();
-        let chosen = self.chooses * self.chosen_for.unwrap_or(0.0);
-        let kept = self.memory * self.kept + chosen;
+        let kept = self.memory * self.kept;
         let pixel = |view: usize, t: usize| {
             let m = scene.material(t);
             let reflected = DVec3::from(m.diffuse_albedo()) / PI
@@ -114,35 +104,20 @@ impl Renderer for Double {
 
     fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
         let (latest, kept) = (self.latest.clone(), self.kept);
-        let (chosen_for, choices) = (self.chosen_for, self.choices);
         let pictures = self.pictures(scene);
         (self.latest, self.kept) = (latest, kept);
-        (self.chosen_for, self.choices) = (chosen_for, choices);
         pictures
     }
 
     fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
-        let chooses = std::mem::take(&mut self.chooses);
-        let (chosen_for, choices) = (self.chosen_for, self.choices);
         self.kept = DVec3::ZERO;
         let pictures = self.pictures(scene);
         self.kept = DVec3::ZERO;
-        (self.chooses, self.chosen_for, self.choices) = (chooses, chosen_for, choices);
         pictures
     }
 
     fn forget(&mut self) {
         self.kept = DVec3::ZERO;
-    }
-
-    fn choices(&self) -> u64 {
-        self.choices
-    }
-
-    fn choose(&mut self, scene: Option<&Scene>) -> Result<(), RenderError> {
-        self.chosen_for =
-            scene.map(|scene| scene.materials.iter().flat_map(|m| m.albedo).fold(0.0, f64::max));
-        Ok(())
     }
 
     fn pull_back(

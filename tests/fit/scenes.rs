@@ -1,6 +1,6 @@
 //! Fits on a backend: each recovers the scene that its pictures were rendered from.
 
-use crate::support::{backend, blockers_moved, finish, load};
+use crate::support::{backend, finish, load};
 use antirad::Watch;
 use antirad::backend::Backend;
 use antirad::fit::{
@@ -12,7 +12,7 @@ use antirad::image::Rasterizer;
 use antirad::plan::GradientRequest;
 use antirad::render::Quantity;
 use antirad::render::Shading;
-use antirad::scene::{BinLayout, Camera, Lamps, Material, Scene, SceneBuilder, Shape, Transport};
+use antirad::scene::{BinLayout, Camera, Lamps, Material, Scene, SceneBuilder, Shape};
 use glam::{DAffine3, DVec3};
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -454,52 +454,4 @@ fn own_curvature_is_the_diagonal_of_the_hessian_without_interreflection() {
         drop(renderer);
         finish(&backend);
     }
-}
-
-/// Clusters outlast small motions of vertices, so that losses are smooth, and are chosen anew after large ones, and where light has changed
-/// much. A renderer that chooses as another one has chosen renders the same.
-#[test]
-fn clusters_are_kept_while_they_serve() {
-    let backend = backend();
-    let mut scene = load("scenes/cornell_boxes.toml");
-    let transport = Transport::Hierarchical { error: 0.1 };
-    scene.settings = scene.settings.transport(transport).lamps(Lamps::Antiradiance);
-    scene.materials.iter_mut().for_each(|m| m.emission = m.emission.map(|e| e.max(1e-2)));
-    scene.cameras = vec![Camera { width: 24, height: 24, ..scene.cameras[0].clone() }];
-    let request = GradientRequest::default().positions(true);
-    let renderer = || EngineRenderer::new(&backend, scene.clone(), 1, request, watch()).expect("a renderer");
-    let moved = |by: f64| blockers_moved(&scene, by);
-    // All that shines shines a thousandth, which changes nothing, or all but the lamp a thousand times as much.
-    let lit = |lamp: f64, others: f64| {
-        let mut lit = moved(0.3);
-        for material in &mut lit.materials {
-            let factor = if material.emission[0] > 1.0 { lamp } else { others };
-            material.emission = material.emission.map(|e| factor * e);
-        }
-        lit
-    };
-
-    let mut first = renderer();
-    let mut pictures = Vec::new();
-    let cases = [
-        (moved(0.0), 1),
-        (moved(0.006), 1),
-        (moved(0.3), 2),
-        (lit(1e-3, 1e-3), 2),
-        (lit(1.0, 1e3), 3),
-        (lit(1.0, 1e3), 3),
-    ];
-    for (scene, choices) in cases {
-        first.forget();
-        pictures.push(first.pictures(&scene).expect("pictures"));
-        assert_eq!(first.choices(), choices);
-    }
-    let mut second = renderer();
-    second.choose(Some(&scene)).expect("a choice");
-    assert_eq!(second.pictures(&moved(0.006)).expect("pictures"), pictures[1]);
-    // Chosen for its own vertices, they differ.
-    second.choose(None).expect("no choice");
-    assert_ne!(second.pictures(&moved(0.006)).expect("pictures"), pictures[1]);
-    drop((first, second));
-    finish(&backend);
 }

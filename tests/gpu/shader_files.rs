@@ -154,9 +154,8 @@ fn the_interface_is_that_of_the_shader_not_of_the_optimiser() {
         interfaces.entry(interface).or_default().push(name);
     }
     assert!(different > 0, "the other optimiser made no difference");
-    // No two shaders look alike, but for sums over the parts of clusters and their transposes.
-    let alike: Vec<_> = interfaces.into_values().filter(|names| names.len() > 1).collect();
-    assert_eq!(alike, [["gather_bins", "scatter_bins"], ["gather_bins_f64", "scatter_bins_f64"]]);
+    // No two shaders look alike.
+    assert!(interfaces.values().all(|names| names.len() == 1));
 
     // Changes that must be detected.
     let mut moved = Interface::of(shaders::COMBINE.of(Precision::F32).spirv());

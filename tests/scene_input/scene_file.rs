@@ -78,6 +78,9 @@ fn broken_accuracy() {
         ("near_field = -1", vec!["s.toml:9", "near_field = -1"]),
         ("tolerance = 0", vec!["s.toml:9", "tolerance = 0", "between 0 and 1"]),
         ("error = 0", vec!["s.toml:9", "error = 0", "0.02 is 2 %"]),
+        ("ray_error = 0", vec!["s.toml:9", "ray_error = 0", "0.005 is .5 %"]),
+        ("ray_error = 0.6", vec!["s.toml:9", "ray_error = 0.6", "0.00001 to 0.5"]),
+        ("transport = \"exact\"", vec!["s.toml:10", "unknown key `transport`", "did you mean `ray_error`?"]),
         ("error = 2", vec!["s.toml:9", "between 0 and 1"]),
         (
             "error = 0.1\ntolerance = 1e-3",

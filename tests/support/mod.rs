@@ -10,10 +10,8 @@ use antirad::gpu::{Device, DeviceKind, DeviceOptions};
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{LoadOptions, Scene, SolveSettings};
 use antirad::{Engine, Solution, SolveParams};
-use antirad_core::model::classify;
 use antirad_core::transport::{self, Operators};
 use glam::{DAffine3, DQuat};
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// The Vulkan device under test, for what is Vulkan's alone. Every message of the validation layers fails the test that calls [`finish`].
@@ -73,15 +71,6 @@ pub fn load(relative: &str) -> Scene {
 
 pub fn placed(scale: [f64; 3], to: [f64; 3]) -> DAffine3 {
     DAffine3::from_scale_rotation_translation(scale.into(), DQuat::IDENTITY, to.into())
-}
-
-/// The scene with its blockers moved along x.
-pub fn blockers_moved(scene: &Scene, by: f64) -> Scene {
-    let mut moved = scene.clone();
-    let blockers = scene.triangles.iter().zip(classify(scene)).filter(|(_, class)| class.blocker);
-    let vertices: BTreeSet<u32> = blockers.flat_map(|(triangle, _)| triangle.vertices).collect();
-    vertices.iter().for_each(|&vertex| moved.vertices[vertex as usize].x += by);
-    moved
 }
 
 /// Solves with the options of a backend.

@@ -3,6 +3,7 @@
 #![warn(missing_docs)]
 
 pub mod input;
+pub mod npy;
 mod options;
 pub mod output;
 pub mod parallel;

@@ -4,10 +4,11 @@
 /// `#[non_exhaustive]`: other crates start from a default and set fields.
 #[macro_export]
 macro_rules! setters {
-    ($options:ty { $($field:ident: $kind:ty),+ $(,)? }) => {
+    ($options:ty { $($(#[$attribute:meta])* $field:ident: $kind:ty),+ $(,)? }) => {
         impl $options {
             $(
                 #[doc = concat!("Sets `", stringify!($field), "`.")]
+                $(#[$attribute])*
                 #[must_use]
                 pub fn $field(mut self, $field: $kind) -> Self {
                     self.$field = $field;

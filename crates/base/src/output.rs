@@ -1,5 +1,6 @@
 //! Atomic writes: files appear whole or not at all, so that an interrupted run leaves no half-written output.
 
+use crate::npy::{self, Number};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -58,7 +59,7 @@ fn replace(path: &Path, write: impl FnOnce(&mut File) -> io::Result<()>) -> io::
 ///
 /// # Errors
 /// Fails if the file cannot be written.
-pub fn write_npy<T: npyz::AutoSerialize + Copy>(path: &Path, rows: &[[T; 3]]) -> Result<(), OutputError> {
+pub fn write_npy<T: Number>(path: &Path, rows: &[[T; 3]]) -> Result<(), OutputError> {
     write_array(path, &[rows.len() as u64, 3], rows.iter().flatten().copied())
 }
 
@@ -66,21 +67,12 @@ pub fn write_npy<T: npyz::AutoSerialize + Copy>(path: &Path, rows: &[[T; 3]]) ->
 ///
 /// # Errors
 /// Fails if the file cannot be written, or if there are more or fewer numbers than the shape has.
-pub fn write_array<T: npyz::AutoSerialize>(
+pub fn write_array<T: Number>(
     path: &Path,
     shape: &[u64],
     numbers: impl Iterator<Item = T>,
 ) -> Result<(), OutputError> {
-    use npyz::WriterBuilder;
-    atomic_write(path, |file| {
-        let mut writer = npyz::WriteOptions::new()
-            .default_dtype()
-            .shape(shape)
-            .writer(io::BufWriter::new(file))
-            .begin_nd()?;
-        writer.extend(numbers)?;
-        writer.finish()
-    })
+    atomic_write(path, |file| npy::write(io::BufWriter::new(file), shape, numbers))
 }
 
 /// RGB values as f32, for pictures and files.

@@ -11,8 +11,7 @@ struct FacetGradient {
     real3 b;
     real characteristic_area;
     real3 c;
-    // Of a source that is part of a cluster, by its share in the light of that.
-    real share;
+    real unused_corner;
     real3 normal;
     real unused_normal;
 };

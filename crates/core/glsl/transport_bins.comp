@@ -32,11 +32,39 @@ layout(std430, binding = 6) readonly buffer BinTable { real4 bin_table[]; };
 #include "source_bins.glsl"
 #include "receiver_bins.glsl"
 
-real3 light(uint at) {
-    return partner_radiance[at].rgb;
+// Adds what one source sends to one receiver to the scattered, and the sum of all bins to `sum`. `at`: place of the source among the
+// partners, `bins`: its first bin in its page.
+void receive(
+    Facet receiver,
+    Facet source,
+    uint at,
+    uint bins,
+    bool fronts,
+    bool backs,
+    bool near,
+    inout real3 sum
+) {
+    real3 d = receiver.centre - source.centre;
+    real r2 = max(dot(d, d), R2_MIN);
+    real from = dot(d, source.normal);
+    real to = max(-dot(d, receiver.normal), 0.0);
+    real blend = 1.0;
+    // A loop, to skip it for sources that are far away, nearly all.
+    for (uint once = near ? 1 : 0; once > 0; once--) {
+        blend = far_weight(r2, half_range * (source.characteristic_area + receiver.characteristic_area));
+    }
+    real side = from > 0.0 ? real(fronts) : real(backs);
+    real weight = side * blend * abs(from) * to * source.area / (r2 * (r2 + source.area * INV_PI));
+    // A loop, to skip it where no lane has anything to add.
+    for (uint once = weight > 0.0 ? 1 : 0; once > 0; once--) {
+        real3 direction = d * inversesqrt(r2);
+        bool front = from > 0.0;
+        real3 binned = binned_radiance(source.normal, bins, direction, front);
+        real3 value = weight * (front ? partner_radiance[at].rgb + binned : binned);
+        scatter(0, receiver.normal, -direction, value);
+        sum += value;
+    }
 }
-
-#include "bins_pair.glsl"
 
 void main() {
     uint tile = target_tile + gl_WorkGroupID.x;

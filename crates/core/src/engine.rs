@@ -41,6 +41,7 @@ pub enum EngineError {
     #[error(
         "the plan counts {planned} bytes of \"{label}\" and the engine allocated {allocated}: a bug in antirad"
     )]
+    #[doc(hidden)]
     Miscounted {
         /// Label of the buffers.
         label: String,
@@ -98,6 +99,7 @@ pub enum EngineError {
         "triangle {triangle} {why}, which was not planned: call Engine::rebuilt, or plan a scene \
          that has it"
     )]
+    #[doc(hidden)]
     BeyondPlan {
         /// Index of the triangle in the scene.
         triangle: usize,
@@ -118,6 +120,7 @@ pub enum EngineError {
          (PlanOptions::of)",
         planned.0 + 1, planned.1, given.0 + 1, given.1
     )]
+    #[doc(hidden)]
     OtherRanks {
         /// Rank of the plan, from 0, and number of ranks.
         planned: (u32, u32),
@@ -150,6 +153,7 @@ pub enum EngineError {
     #[error(
         "sun {sun} has a colour, which was not planned: call Engine::rebuilt, or plan a scene that has it"
     )]
+    #[doc(hidden)]
     ColouredSun {
         /// Its place in [`Scene::suns`], from 0.
         sun: usize,
@@ -173,6 +177,7 @@ pub enum EngineError {
     },
     /// The reduction is not between 0 and 1.
     #[error("the reduction is {reduction}; it must be 0, or above and below 1, such as 0.01")]
+    #[doc(hidden)]
     Reduction {
         /// The reduction given.
         reduction: f64,
@@ -219,10 +224,16 @@ pub struct SolveParams {
     pub max_passes: u32,
     /// Stops, too, where the residual is below this fraction of that of the start: 0 for never. Useful from the solution of a
     /// similar scene, where it is the relative accuracy of the difference.
+    #[doc(hidden)]
     pub reduction: f64,
 }
 
-setters!(SolveParams { tolerance: f64, max_passes: u32, reduction: f64 });
+setters!(SolveParams {
+    tolerance: f64,
+    max_passes: u32,
+    #[doc(hidden)]
+    reduction: f64
+});
 
 impl SolveParams {
     pub(crate) fn check(&self) -> Result<(), EngineError> {
@@ -318,6 +329,7 @@ pub struct Solution {
     /// Negative irradiance.
     pub negative: Negative,
     /// Incident light on the backend, from which the next solve starts.
+    #[doc(hidden)]
     pub state: State,
     arrangement: Arrangement,
     revision: Revision,
@@ -341,6 +353,7 @@ impl EngineError {
     ///
     /// # Errors
     /// Returns the error itself, if it holds no iterate.
+    #[doc(hidden)]
     pub fn into_best(self) -> Result<Box<Solution>, Self> {
         match self {
             Self::Solve(SolveError::NoConvergence { best: Some(best), .. }) => Ok(best),
@@ -349,6 +362,7 @@ impl EngineError {
     }
 
     /// This error without the last iterate of the solver, and so without device memory.
+    #[doc(hidden)]
     pub fn without_best(mut self) -> Self {
         if let Self::Solve(SolveError::NoConvergence { best, .. }) = &mut self {
             *best = None;
@@ -357,6 +371,7 @@ impl EngineError {
     }
 
     /// The error of the device behind this one, if it is one.
+    #[doc(hidden)]
     pub fn of_device(&self) -> Option<&GpuError> {
         match self {
             Self::Gpu(error)
@@ -485,6 +500,7 @@ impl Engine {
     /// # Errors
     /// Fails if the scene is invalid or not that of the plan, if the plan is for another backend or other
     /// ranks, or if the backend lacks memory or a feature.
+    #[doc(hidden)]
     pub fn new(backend: impl Into<Backend>, scene: &Scene, plan: Plan) -> Result<Self, EngineError> {
         let backend = &backend.into();
         scene.validate()?;
@@ -555,6 +571,7 @@ impl Engine {
     ///
     /// # Errors
     /// Fails as [`Engine::set_materials`] does, except for negative light.
+    #[doc(hidden)]
     pub fn set_linear_materials(&mut self, scene: &Scene) -> Result<(), EngineError> {
         scene.validate_linear()?;
         self.replace_materials(scene)
@@ -585,17 +602,16 @@ impl Engine {
 
     /// An engine for a changed scene, planned anew with the same options and settings. Frees the memory of this one
     /// first, except for held solutions; compiled kernels stay with the device. Where only vertices have moved, direct light is
-    /// sampled at the same points of each triangle, and clusters are kept as [`ClusterChoice`](crate::plan::ClusterChoice) says, so that
-    /// results are smooth functions of the vertices.
+    /// sampled at the same points of each triangle, so that results are smooth functions of the vertices.
     ///
     /// # Errors
     /// Fails if the scene is invalid or cannot be planned within the memory budget, or if the backend fails.
+    #[doc(hidden)]
     pub fn rebuilt(self, scene: &Scene) -> Result<Self, EngineError> {
         let Self { backend, operators, direct, .. } = self;
         let (options, settings) = (operators.plan().options, operators.plan().settings);
-        let choice = operators.plan().choice().cloned();
         drop(operators);
-        let plan = Plan::following(scene, &options, &settings, choice.as_ref())?;
+        let plan = Plan::new(scene, &options, &settings)?;
         let lamps = lamps_of(scene, &plan.lamps);
         let light = direct.light.relit(&lamps).filter(|light| light.receivers() == plan.facets.len());
         // What is explicit looks around anew.
@@ -630,6 +646,7 @@ impl Engine {
     ///
     /// # Errors
     /// Fails as [`Engine::solve`] does, and if `progress` stops the solve.
+    #[doc(hidden)]
     pub fn solve_with(
         &mut self,
         params: &SolveParams,
@@ -752,6 +769,7 @@ impl Engine {
 
     /// Restricts derivatives by positions to those of some vertices, by their indices in the scene: by all others they are zero, and take
     /// little time. `None`, as at first: all vertices.
+    #[doc(hidden)]
     pub fn set_movable(&mut self, vertices: Option<&[u32]>) {
         self.movable = Movable::of(self.vertices, vertices, self.triangles.iter().copied());
     }

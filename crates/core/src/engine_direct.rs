@@ -114,6 +114,7 @@ pub(crate) fn lamps_of(scene: &Scene, lamps: &[Lamp]) -> Vec<Lamp> {
 impl Engine {
     /// Standard error of the irradiance that comes straight from lamps whose visibility is sampled: relative L2 norm, weighted by area. Zero
     /// where visibility is exact.
+    #[doc(hidden)]
     pub fn sampling_error(&self) -> f64 {
         self.direct.light.standard_error(self.plan().facets(), |i| &self.materials[i])
     }

@@ -135,6 +135,7 @@ impl Engine {
     ///
     /// # Errors
     /// Fails as [`Engine::backward`] does, and if `progress` stops the solve.
+    #[doc(hidden)]
     pub fn backward_with(
         &mut self,
         solution: &Solution,
@@ -379,6 +380,7 @@ impl Engine {
     }
 
     /// Derivatives by corners that are not movable are zero.
+    #[doc(hidden)]
     pub fn keep_movable(&self, corners: &mut [[DVec3; 3]]) {
         for (triangle, corners) in self.triangles.iter().zip(corners) {
             for (&vertex, corner) in triangle.iter().zip(corners) {

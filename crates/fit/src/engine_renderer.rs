@@ -3,13 +3,13 @@
 use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
 use antirad_base::{Watch, parallel};
 use antirad_core::backend::Backend;
-use antirad_core::plan::{ClusterChoice, GradientRequest, Plan, PlanError, PlanOptions};
+use antirad_core::plan::{GradientRequest, Plan, PlanError, PlanOptions};
 use antirad_core::{Engine, EngineError, Solution, SolveParams};
 use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, View};
 use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
 use antirad_render::shading::{Reflections, Shading};
 use antirad_render::warnings::Warnings;
-use antirad_scene::{Camera, Painting, Scene, Transport, VisibilityChoice};
+use antirad_scene::{Camera, Painting, Scene, VisibilityChoice};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -22,8 +22,6 @@ const SOLVES_OF_GEOMETRY: f64 = 1.0;
 /// Pictures near the latest: relative accuracy of the difference, and the residual below which rounding rules.
 const REDUCTION: f64 = 0.1;
 const ROUNDING: f64 = 1e-6;
-/// Smallest factor on the emission of a plan.
-const DIMMEST: f64 = 1e-6;
 /// Relative residual of pictures near the latest where vertices have moved.
 const MOVED: f64 = 1e-4;
 
@@ -33,12 +31,6 @@ pub struct EngineRenderer {
     renderer: render::Renderer,
     /// The plan is made for its materials, which require as much as any later ones. Positions and cameras are those of `coverage`.
     planning: Scene,
-    /// Initial emission of each material of `planning`: a measure of how bright others are.
-    first_emission: Vec<[f64; 3]>,
-    /// What the clusters of plans with derivatives are chosen for.
-    choice: Option<Arc<ClusterChoice>>,
-    /// How often they have been chosen.
-    choices: u64,
     request: GradientRequest,
     watch: Watch,
     /// Whether every solve starts from darkness.
@@ -61,17 +53,6 @@ pub struct EngineRenderer {
     answered: bool,
     /// Whether visibility has become explicit.
     explicit: bool,
-}
-
-/// What pictures show.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Subject {
-    /// A scene, for which clusters may be chosen.
-    Scene,
-    /// A scene near the latest.
-    Near,
-    /// A difference of scenes.
-    Difference,
 }
 
 /// Pictures per view.
@@ -110,10 +91,7 @@ impl EngineRenderer {
         Ok(Self {
             renderer: render::Renderer::new(&backend, options)?,
             backend,
-            first_emission: planning.materials.iter().map(|m| m.emission).collect(),
             planning,
-            choice: None,
-            choices: 0,
             request,
             watch,
             independent: false,
@@ -136,8 +114,7 @@ impl EngineRenderer {
         Self { renderer: renderer.shading(shading), ..self }
     }
 
-    /// Solves every scene from darkness, with the clusters of the scene to plan for as long as these serve, so that pictures are functions of
-    /// the scene alone. Otherwise solves start from the light of the
+    /// Solves every scene from darkness, so that pictures are functions of the scene alone. Otherwise solves start from the light of the
     /// pictures before, which saves passes, and pictures depend on those within the tolerance.
     pub fn independent(self) -> Self {
         Self { independent: true, ..self }
@@ -162,35 +139,7 @@ impl EngineRenderer {
             pictures = pictures.max(bytes);
         }
         let options = PlanOptions::of(&self.backend).pictures(pictures).gradients(gradients);
-        let plan = Plan::following(scene, &options, &scene.settings, self.choice.as_ref());
-        plan.map_err(|error| sort_out(error.into()))
-    }
-
-    /// Whether there may be clusters.
-    fn has_clusters(&self) -> bool {
-        let transport = self.planning.settings.transport.usual(self.planning.triangles.len());
-        matches!(transport, Transport::Hierarchical { .. })
-    }
-
-    fn keep(&mut self, choice: Option<&Arc<ClusterChoice>>) {
-        self.choice = choice.cloned();
-        self.choices += 1;
-    }
-
-    /// Plans with the clusters of before, or with those for the light of a scene.
-    fn plan_for(&mut self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
-        if self.has_clusters() {
-            let materials = self.planning.materials.iter_mut().zip(&self.first_emission);
-            for ((material, first), own) in materials.zip(&scene.materials) {
-                material.emission = lit_like(*first, own.emission);
-            }
-        }
-        let plan = self.plan(&self.planning, gradients)?;
-        let kept = plan.choice().map(Arc::as_ptr) == self.choice.as_ref().map(Arc::as_ptr);
-        if !kept && gradients.any() && !self.independent {
-            self.keep(plan.choice());
-        }
-        Ok(plan)
+        Plan::new(scene, &options, &scene.settings).map_err(|error| sort_out(error.into()))
     }
 
     /// Per triangle, whether any view shows it, at the latest positions or else those of the planning scene.
@@ -267,32 +216,16 @@ impl EngineRenderer {
         }
     }
 
-    /// Updates engine and coverage to the positions and cameras of a scene; an engine that is made for it has the derivatives of `gradients`. `choose`:
-    /// whether clusters may be chosen for it.
-    fn prepare(
-        &mut self,
-        scene: &Scene,
-        choose: bool,
-        gradients: GradientRequest,
-    ) -> Result<Engine, RenderError> {
-        if self.independent && self.choices == 0 && self.has_clusters() {
-            let plan = self.plan(&self.planning, self.request)?;
-            self.keep(plan.choice());
-        }
+    /// Updates engine and coverage to the positions and cameras of a scene; an engine that is made for it has the derivatives of `gradients`.
+    fn prepare(&mut self, scene: &Scene, gradients: GradientRequest) -> Result<Engine, RenderError> {
         if self.planning.vertices != scene.vertices {
             self.retire();
         }
         self.look(scene)?;
-        if choose && self.engine.as_ref().is_some_and(|engine| !engine.plan().is_lit_by(scene)) {
-            self.retire();
-        }
         let mut engine = match self.engine.take() {
             Some(engine) => engine,
             None => {
-                let plan = match choose {
-                    true => self.plan_for(scene, gradients)?,
-                    false => self.plan(&self.planning, gradients)?,
-                };
+                let plan = self.plan(&self.planning, gradients)?;
                 self.planned = gradients;
                 let mut engine = Engine::new(&self.backend, &self.planning, plan).map_err(sort_out)?;
                 let watch = self.watch.clone();
@@ -332,14 +265,13 @@ impl EngineRenderer {
         &mut self,
         scene: &Scene,
         params: SolveParams,
-        subject: Subject,
+        difference: bool,
         gradients: GradientRequest,
     ) -> Result<Latest, RenderError> {
         if (self.watch)().is_break() {
             return Err(RenderError::Interrupted);
         }
-        let difference = subject == Subject::Difference;
-        let mut engine = self.prepare(scene, subject == Subject::Scene, gradients)?;
+        let mut engine = self.prepare(scene, gradients)?;
         let moved = self.start.take();
         let latest = self.latest.as_ref().filter(|latest| !latest.difference);
         let start = latest.map(|latest| &latest.solution).or(moved.as_ref());
@@ -418,18 +350,18 @@ impl Renderer for EngineRenderer {
             return Ok(pictures);
         }
         let params = SolveParams::from(&scene.settings);
-        let latest = match self.render(scene, params, Subject::Scene, self.request) {
+        let latest = match self.render(scene, params, false, self.request) {
             Err(RenderError::NoAnswer(reason)) if self.may_become_explicit() => {
                 tracing::warn!("{reason}");
                 tracing::warn!(
                     "antiradiance creates light among these blockers: the fit has explicit visibility"
                 );
                 self.become_explicit();
-                self.render(scene, params, Subject::Scene, self.request)?
+                self.render(scene, params, false, self.request)?
             }
             Ok(_) if self.may_become_explicit() && self.lets_light_through(scene) => {
                 self.become_explicit();
-                self.render(scene, params, Subject::Scene, self.request)?
+                self.render(scene, params, false, self.request)?
             }
             latest => latest?,
         };
@@ -442,7 +374,7 @@ impl Renderer for EngineRenderer {
             // No derivatives are wanted here, and other vertices need another engine anyway.
             let params = SolveParams::from(&scene.settings);
             let params = params.tolerance(params.tolerance.max(MOVED));
-            let latest = self.render(scene, params, Subject::Near, GradientRequest::default())?;
+            let latest = self.render(scene, params, false, GradientRequest::default())?;
             return Ok(self.latest.insert(latest).pictures.clone());
         }
         if let Some((_, pictures)) = self.look_again(scene)? {
@@ -450,12 +382,11 @@ impl Renderer for EngineRenderer {
         }
         let params = SolveParams::from(&scene.settings).reduction(REDUCTION);
         let params = params.tolerance(params.tolerance.min(ROUNDING));
-        Ok(self.render(scene, params, Subject::Near, self.planned)?.pictures)
+        Ok(self.render(scene, params, false, self.planned)?.pictures)
     }
 
     fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
-        let latest =
-            self.render(scene, SolveParams::from(&scene.settings), Subject::Difference, self.request)?;
+        let latest = self.render(scene, SolveParams::from(&scene.settings), true, self.request)?;
         Ok(self.latest.insert(latest).pictures.clone())
     }
 
@@ -530,25 +461,6 @@ impl Renderer for EngineRenderer {
         (self.latest, self.start) = (None, None);
     }
 
-    fn choices(&self) -> u64 {
-        self.choices
-    }
-
-    fn choose(&mut self, scene: Option<&Scene>) -> Result<(), RenderError> {
-        if self.independent {
-            // Its clusters are those of the scene to plan for.
-            return Ok(());
-        }
-        if self.choice.take().is_some() {
-            self.retire();
-        }
-        if let Some(scene) = scene {
-            let engine = self.prepare(scene, true, self.request)?;
-            self.engine = Some(engine);
-        }
-        Ok(())
-    }
-
     fn has_become_explicit(&self) -> bool {
         self.explicit
     }
@@ -563,13 +475,6 @@ impl Renderer for EngineRenderer {
     fn passes(&self) -> u64 {
         self.passes
     }
-}
-
-/// An emission to plan with, as bright as another one. What emits in the plan does so always: it decides what counts as a lamp.
-fn lit_like(planned: [f64; 3], other: [f64; 3]) -> [f64; 3] {
-    let [own, other] = [planned, other].map(|emission| emission.into_iter().fold(0.0, f64::max));
-    let factor = if own > 0.0 { (other / own).max(DIMMEST) } else { 1.0 };
-    planned.map(|e| factor * e)
 }
 
 fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RenderError {

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Exposure {
     /// A factor for all channels.
+    #[doc(hidden)]
     pub gain: bool,
     /// Factors of red and blue relative to green.
     pub white_balance: bool,
@@ -30,6 +31,7 @@ impl Exposure {
     pub const GAIN_AND_WHITE_BALANCE: Self = Self { gain: true, white_balance: true, shared: None };
 
     /// Whether anything is unknown.
+    #[doc(hidden)]
     pub fn is_fitted(self) -> bool {
         self.gain || self.white_balance
     }

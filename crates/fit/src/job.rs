@@ -301,17 +301,20 @@ pub struct Outcome {
     /// Final pictures per view, linear RGB, row by row from the top, W/(m² sr).
     pub pictures: Vec<Vec<DVec3>>,
     /// What makes the numbers of each target from radiance.
+    #[doc(hidden)]
     pub sensors: Vec<Sensor>,
     /// Final loss including regularisers.
     pub loss: f64,
     /// Final loss per view, before weights.
     pub views: Vec<f64>,
     /// Final value per regulariser, with its weight; at the end that of responses, if they were unknown.
+    #[doc(hidden)]
     pub assumptions: Vec<f64>,
 }
 
 impl Outcome {
     /// Final pictures per view in the numbers of their targets: by gains and responses.
+    #[doc(hidden)]
     pub fn exposed(&self) -> Vec<Vec<DVec3>> {
         self.pictures.iter().zip(&self.sensors).map(|(picture, sensor)| sensor.numbers(picture)).collect()
     }
@@ -391,6 +394,7 @@ impl Job {
     }
 
     /// The objective.
+    #[doc(hidden)]
     pub fn problem(&self) -> &Problem {
         &self.problem
     }
@@ -409,6 +413,7 @@ impl Job {
     }
 
     /// The optimiser that will be used, never [`OptimiserKind::Auto`].
+    #[doc(hidden)]
     pub fn optimiser(&self) -> OptimiserKind {
         match self.settings.optimiser {
             OptimiserKind::Auto if self.is_quadratic() && self.settings.loss == LossKind::L2 => {
@@ -444,6 +449,7 @@ impl Job {
     ///
     /// # Errors
     /// Fails if the scene cannot be rendered.
+    #[doc(hidden)]
     pub fn estimate(&self, renderer: &mut dyn Renderer) -> Result<(CostEstimate, u64), FitError> {
         let estimate = renderer.estimate(&self.problem.parameters.planning_scene())?;
         let targets: u64 = self.problem.targets.iter().map(|t| 24 * 4 * t.pixels.len() as u64).sum();

@@ -22,12 +22,14 @@ pub struct JobFile {
     /// The validated job.
     pub job: Job,
     /// The scene file.
+    #[doc(hidden)]
     pub scene_file: PathBuf,
     /// When the fit ends.
     pub stop: StopRule,
     /// Iterations between two checkpoints.
     pub checkpoint_every: u32,
     /// Warnings for the user, in whole sentences.
+    #[doc(hidden)]
     pub warnings: Vec<String>,
 }
 

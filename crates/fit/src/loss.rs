@@ -19,12 +19,14 @@ pub trait PictureLoss {
 
     /// Whether the loss is quadratic, so that [`Self::curvature`] is the same for all pictures, as bounded least squares
     /// requires.
+    #[doc(hidden)]
     fn is_quadratic(&self) -> bool {
         false
     }
 
     /// The same loss for other targets, such as smaller pictures of the same views; `None` if it is for its own alone. Then fits of textures
     /// have no first stage of smaller pictures.
+    #[doc(hidden)]
     fn of_targets(&self, _targets: &[Target]) -> Option<Box<dyn PictureLoss + Send + Sync>> {
         None
     }
@@ -57,8 +59,10 @@ pub struct Loss {
     /// Loss per channel of a pixel.
     pub kind: LossKind,
     /// Value below which relative losses stop being relative, in the unit of the targets.
+    #[doc(hidden)]
     pub epsilon: f64,
     /// Of the Huber loss: relative difference from which on pixels count as outliers.
+    #[doc(hidden)]
     pub threshold: f64,
     /// Of the Huber loss: local means of each target.
     means: Vec<Vec<DVec3>>,

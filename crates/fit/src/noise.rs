@@ -10,23 +10,27 @@ pub struct Noise {
     /// Variance per unit of the value.
     pub shot: f64,
     /// Standard deviation of black.
+    #[doc(hidden)]
     pub read: f64,
 }
 
 impl Noise {
     /// The variance of a value.
+    #[doc(hidden)]
     pub fn variance(&self, value: f64) -> f64 {
         self.shot * value.max(0.0) + self.read * self.read
     }
 
     /// The same noise of numbers that are so many times as large.
     #[must_use]
+    #[doc(hidden)]
     pub fn scaled(self, factor: f64) -> Self {
         Self { shot: factor * self.shot, read: factor * self.read }
     }
 
     /// That of means over so many pixels.
     #[must_use]
+    #[doc(hidden)]
     pub fn of_means(self, pixels: f64) -> Self {
         Self { shot: self.shot / pixels, read: self.read / pixels.sqrt() }
     }
@@ -35,6 +39,7 @@ impl Noise {
     ///
     /// # Errors
     /// Says what it must be.
+    #[doc(hidden)]
     pub fn check(&self) -> Result<(), String> {
         let is_number = |value: f64| value >= 0.0 && value.is_finite();
         match is_number(self.shot) && is_number(self.read) && self.shot + self.read > 0.0 {

@@ -93,6 +93,7 @@ impl Photographs {
     ///
     /// # Errors
     /// Fails if no size is stated and the picture cannot be read, or if the lens is invalid.
+    #[doc(hidden)]
     pub fn camera_of(&self, frame: &Frame) -> Result<Camera, SceneError> {
         let refuse = |message: String| self.set.error(frame, message);
         let size = match frame.intrinsics.size() {
@@ -127,6 +128,7 @@ impl Photographs {
 
     /// The smallest whole number by which pictures are averaged down to have at most so many pixels together. Pictures that cannot be read
     /// do not count.
+    #[doc(hidden)]
     pub fn shrink_to(&self, pixels: usize) -> u32 {
         let size = |frame: &Frame| {
             let of_picture = || Photo::size(&self.path(frame).ok()?).ok();

@@ -74,26 +74,31 @@ pub struct OwnSquares {
 /// Renders scenes that differ in materials, positions and cameras only. The views are those of the scene's cameras.
 pub trait Renderer {
     /// Estimated cost of an evaluation of `planning`. An error if it is impossible, usually for lack of memory.
+    #[doc(hidden)]
     fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError>;
 
     /// Pictures from all cameras of the scene: linear RGB, row by row from the top, W/(m² sr). The same calls in the same order give the
     /// same bytes; solves may start from earlier ones.
+    #[doc(hidden)]
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError>;
 
     /// Pictures of a scene that differs little from the latest, so that only the difference has to be
     /// accurate. The latest pictures stay those of [`Self::pictures`].
+    #[doc(hidden)]
     fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
         self.pictures(scene)
     }
 
     /// Pictures of a difference of scenes: emission may be negative, and its light is no start for that of
     /// others.
+    #[doc(hidden)]
     fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
         self.pictures(scene)
     }
 
     /// Derivatives of a loss by the scene of the latest [`Self::pictures`], from those by their pixels; `None` if this
     /// renderer cannot compute them, in which case finite differences are used.
+    #[doc(hidden)]
     fn pull_back(
         &mut self,
         by_pixels: &[Vec<DVec3>],
@@ -102,39 +107,34 @@ pub trait Renderer {
 
     /// The sum over pixels, with `weights`, of the squared derivatives by what each triangle itself shows, in the latest
     /// [`Self::pictures`] and with the light that arrives held fixed; `None` if this renderer does not know.
+    #[doc(hidden)]
     fn own_squares(&mut self, _weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
         None
     }
 
     /// Per view and pixel of the latest [`Self::pictures`], the nearest point that it shows, if it shows any; `None` if this renderer does not know.
+    #[doc(hidden)]
     fn points_in_pixels(&self) -> Option<Vec<Vec<Option<DVec3>>>> {
         None
     }
 
-    /// Drops what earlier pictures left behind but for what was chosen ([`Self::choose`]), so that the next do not depend on them, not even
+    /// Drops what earlier pictures left behind, so that the next do not depend on them, not even
     /// within rounding.
+    #[doc(hidden)]
     fn forget(&mut self) {}
 
-    /// How often [`Self::pictures`] has chosen what stands for far triangles
-    /// ([`ClusterChoice`](antirad_core::plan::ClusterChoice)): pictures depend on that within the error allowed.
-    fn choices(&self) -> u64 {
-        0
-    }
-
-    /// Drops what was chosen, and chooses it for a scene, if one is given. Pictures keep it as long as it serves.
-    fn choose(&mut self, _scene: Option<&Scene>) -> Result<(), RenderError> {
-        Ok(())
-    }
-
     /// Whether visibility has become explicit, as the first scene asked for.
+    #[doc(hidden)]
     fn has_become_explicit(&self) -> bool {
         false
     }
 
     /// Keeps visibility as it was in an earlier run: explicit if it had become so.
+    #[doc(hidden)]
     fn keep_visibility(&mut self, _explicit: bool) {}
 
     /// Passes (applications of U) so far.
+    #[doc(hidden)]
     fn passes(&self) -> u64;
 }
 

@@ -59,25 +59,31 @@ pub struct Settings {
     /// Loss of a picture against its target.
     pub loss: LossKind,
     /// ε of relative losses, W/(m² sr); `None`: a hundredth of the mean target.
+    #[doc(hidden)]
     pub epsilon: Option<f64>,
     /// Threshold of the Huber loss, a relative difference; `None`: 0.3 where pictures clip, else 10.
+    #[doc(hidden)]
     pub threshold: Option<f64>,
     /// Regularisers.
     pub regularisers: Vec<Regulariser>,
     /// Whether all emission that is fitted is first scaled, by one factor per channel, to what explains the pictures best.
+    #[doc(hidden)]
     pub scale_emission: bool,
     /// Which optimiser to use.
     pub optimiser: OptimiserKind,
     /// Options of the quasi-Newton method.
+    #[doc(hidden)]
     pub quasi_newton: QuasiNewtonOptions,
     /// Pictures per view that a Gauss-Newton Hessian for the quasi-Newton method may take: one for each colour, number or
     /// coordinate fitted, and none for poses of cameras. With more, its model starts from the diagonal, where albedos and emissions alone are fitted; with 0
     /// it is learnt from gradients alone.
+    #[doc(hidden)]
     pub gauss_newton: usize,
     /// Relative noise of the loss; `None`: a tenth of the tolerance of solves, or 1e-4 where positions or cameras are fitted.
     /// Overrides that in [`Self::quasi_newton`].
     pub noise: Option<f64>,
     /// Options of Adam.
+    #[doc(hidden)]
     pub adam: AdamOptions,
     /// Samples per pixel along each axis.
     pub supersample: u32,
@@ -90,14 +96,20 @@ pub struct Settings {
 setters!(Settings {
     fits: Vec<Fit>,
     loss: LossKind,
+    #[doc(hidden)]
     epsilon: Option<f64>,
+    #[doc(hidden)]
     threshold: Option<f64>,
     regularisers: Vec<Regulariser>,
+    #[doc(hidden)]
     scale_emission: bool,
     optimiser: OptimiserKind,
+    #[doc(hidden)]
     quasi_newton: QuasiNewtonOptions,
+    #[doc(hidden)]
     gauss_newton: usize,
     noise: Option<f64>,
+    #[doc(hidden)]
     adam: AdamOptions,
     supersample: u32,
     shading: Shading,

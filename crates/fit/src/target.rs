@@ -98,20 +98,25 @@ pub struct Target {
     /// Value from which on a channel of a pixel is only a lower bound: the picture is clipped there.
     pub clip: Option<f64>,
     /// Pixels that are lower bounds altogether, as they are means of pixels of which some are clipped; `None`: none.
+    #[doc(hidden)]
     pub bounds: Option<Vec<bool>>,
     /// What of the relation between radiance and the picture's numbers is unknown.
     pub exposure: Exposure,
     /// The response of the camera, if it is unknown.
+    #[doc(hidden)]
     pub response: Option<UnknownResponse>,
     /// How bright the camera's settings make the picture, up to a factor that pictures of one camera share: exposure time in seconds times
     /// ISO over the square of the f-number, where the file of a photograph has them.
+    #[doc(hidden)]
     pub exposure_guess: Option<f64>,
     /// Noise of the picture, in its unit: where it is large, the losses [`LossKind::Huber`](super::LossKind::Huber) and
     /// [`LossKind::RelativeL2`](super::LossKind::RelativeL2) count differences for less. `None`: they know of none.
     pub noise: Option<Noise>,
     /// The set of photographs that it is of; `None`: it is alone.
+    #[doc(hidden)]
     pub set: Option<String>,
     /// What segmentation says that each pixel shows ([`segments`](super::segments)); `None` if it says nothing.
+    #[doc(hidden)]
     pub labels: Option<Vec<Option<Label>>>,
 }
 
@@ -177,32 +182,38 @@ impl Target {
     }
 
     /// This target with values that are lower bounds from `clip` on.
+    #[doc(hidden)]
     pub fn clipped_from(self, clip: f64) -> Self {
         Self { clip: Some(clip), ..self }
     }
 
     /// This target with an exposure to be fitted.
+    #[doc(hidden)]
     pub fn exposed(self, exposure: Exposure) -> Self {
         Self { exposure, ..self }
     }
 
     /// This target with a response to be fitted.
+    #[doc(hidden)]
     pub fn responding(self, response: UnknownResponse) -> Self {
         Self { response: Some(response), ..self }
     }
 
     /// This target with such a noise.
+    #[doc(hidden)]
     pub fn noisy(self, noise: Noise) -> Self {
         Self { noise: Some(noise), ..self }
     }
 
     /// Whether a channel of a pixel, of this value, is only a lower bound.
+    #[doc(hidden)]
     pub fn is_bound(&self, pixel: usize, expected: f64) -> bool {
         let is_mean_of_clipped = || self.bounds.as_ref().is_some_and(|bounds| bounds[pixel]);
         self.clip.is_some_and(|clip| expected >= clip) || is_mean_of_clipped()
     }
 
     /// Whether the expected value of a channel of a pixel is only a lower bound, and a value is not below it.
+    #[doc(hidden)]
     pub fn keeps_bound(&self, pixel: usize, value: f64, expected: f64) -> bool {
         value >= expected && self.is_bound(pixel, expected)
     }
@@ -254,11 +265,13 @@ impl Target {
     }
 
     /// Weight of a pixel, from the mask.
+    #[doc(hidden)]
     pub fn mask_at(&self, pixel: usize) -> f64 {
         self.mask.as_ref().map_or(1.0, |mask| mask[pixel])
     }
 
     /// Sum of the weights of all pixels.
+    #[doc(hidden)]
     pub fn mask_sum(&self) -> f64 {
         self.mask.as_ref().map_or(self.pixels.len() as f64, |mask| mask.iter().sum())
     }
@@ -274,6 +287,7 @@ pub struct TargetPicture {
     /// Linear RGB, W/(m² sr), row by row from the top.
     pub pixels: Vec<DVec3>,
     /// Per pixel, whether it is clipped at the maximum of the file's format, so that its value is only a lower bound.
+    #[doc(hidden)]
     pub clipped: Vec<bool>,
 }
 
@@ -293,6 +307,7 @@ impl TargetPicture {
     ///
     /// # Errors
     /// Fails if the file cannot be read, or has no such layer.
+    #[doc(hidden)]
     pub fn read_layer(path: &Path, white: f64, layer: Option<&str>) -> Result<Self, TargetError> {
         let photo = Photo::read(path, layer).map_err(unreadable)?;
         Ok(Self {
@@ -307,6 +322,7 @@ impl TargetPicture {
     ///
     /// # Errors
     /// Fails if the size differs.
+    #[doc(hidden)]
     pub fn check_size(&self, camera: &Camera) -> Result<(), TargetError> {
         match (self.width, self.height) == (camera.width, camera.height) {
             true => Ok(()),

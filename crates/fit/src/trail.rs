@@ -12,10 +12,6 @@ const LONGEST: usize = 10;
 pub struct Trail {
     /// Rendered since light was last solved from darkness: each solve starts from the light of the point before.
     points: Vec<Vec<f64>>,
-    /// The point for which clusters had been chosen before these.
-    chosen_before: Option<Vec<f64>>,
-    /// The point for which clusters have been chosen by now.
-    chosen: Option<Vec<f64>>,
     /// Whether visibility has become explicit.
     explicit: bool,
 }
@@ -26,15 +22,12 @@ impl Trail {
     /// # Errors
     /// Fails if a picture cannot be rendered, except for a scene without solution.
     pub fn retrace(&self, problem: &Problem, renderer: &mut dyn Renderer) -> Result<(), RenderError> {
-        let unless_without_answer = |done: Result<(), RenderError>| match done {
-            Err(RenderError::NoAnswer(_)) => Ok(()),
-            other => other,
-        };
         renderer.forget();
-        let chosen_for = self.chosen_before.as_ref().map(|x| problem.parameters.scene(x));
-        unless_without_answer(renderer.choose(chosen_for.as_ref()))?;
         for x in &self.points {
-            unless_without_answer(renderer.pictures(&problem.parameters.scene(x)).map(drop))?;
+            match renderer.pictures(&problem.parameters.scene(x)) {
+                Ok(_) | Err(RenderError::NoAnswer(_)) => {}
+                Err(error) => return Err(error),
+            }
         }
         Ok(())
     }
@@ -52,7 +45,6 @@ impl Trail {
     /// Forgets points whose light is no start for that of others.
     pub fn clear(&mut self) {
         self.points.clear();
-        self.chosen_before.clone_from(&self.chosen);
     }
 
     /// Renders a point by `work`, of whose light later pictures are independent unless it `stays`.
@@ -63,17 +55,10 @@ impl Trail {
         renderer: &mut dyn Renderer,
         work: impl FnOnce(&mut dyn Renderer) -> T,
     ) -> T {
-        let choices = renderer.choices();
         let done = work(renderer);
         self.explicit = renderer.has_become_explicit();
         if stays {
             self.points.push(x.to_vec());
-        }
-        if renderer.choices() > choices {
-            self.chosen = Some(x.to_vec());
-            if !stays {
-                self.chosen_before.clone_from(&self.chosen);
-            }
         }
         done
     }

@@ -47,9 +47,11 @@ pub struct DeviceOptions {
     pub kernel_cache: Option<PathBuf>,
     /// Ask the driver about each kernel that it compiles, for [`Device::kernel_statistics`]; drivers may compile more slowly then.
     /// Default: no.
+    #[doc(hidden)]
     pub statistics: bool,
     /// The kind of device that kernels are chosen for; `None`: its own. Default: that which ANTIRAD_KERNELS names, `cpu` or `gpu`, so that
     /// kernels of GPUs can be tried where there is none.
+    #[doc(hidden)]
     pub kernels: Option<DeviceKind>,
 }
 
@@ -58,7 +60,9 @@ setters!(DeviceOptions {
     validation: bool,
     memory_budget: Option<u64>,
     kernel_cache: Option<PathBuf>,
+    #[doc(hidden)]
     statistics: bool,
+    #[doc(hidden)]
     kernels: Option<DeviceKind>,
 });
 
@@ -254,6 +258,7 @@ impl Device {
     /// Returns the device with the kernels that one of another kind would run: those for GPUs on a CPU,
     /// slowly.
     #[must_use]
+    #[doc(hidden)]
     pub fn with_kernels_for(self, kind: DeviceKind) -> Self {
         Self { kernels_for: kind, ..self }
     }
@@ -267,6 +272,7 @@ impl Device {
     /// Returns the device as that of one of several ranks. Its engines compute a share of every pass,
     /// together with those of the other ranks, which must be made and used in the same order.
     #[must_use]
+    #[doc(hidden)]
     pub fn with_ranks(self, ranks: Ranks) -> Self {
         Self { ranks, ..self }
     }
@@ -274,6 +280,7 @@ impl Device {
     /// Returns the device with a watch that is asked before each kernel is compiled, which may take a driver
     /// long. Where the watch breaks, the call ends with [`GpuError::Interrupted`].
     #[must_use]
+    #[doc(hidden)]
     pub fn with_watch(self, watch: Watch) -> Self {
         Self { watch: Some(watch), ..self }
     }
@@ -287,6 +294,7 @@ impl Device {
     }
 
     /// The processes that this one works with.
+    #[doc(hidden)]
     pub fn ranks(&self) -> &Ranks {
         &self.ranks
     }
@@ -297,11 +305,13 @@ impl Device {
     }
 
     /// Memory use of all buffers, host-visible ones included.
+    #[doc(hidden)]
     pub fn memory(&self) -> MemoryReport {
         lock(&self.shared.memory).report()
     }
 
     /// Counts peaks of memory use from now on.
+    #[doc(hidden)]
     pub fn reset_peak_memory(&self) {
         lock(&self.shared.memory).reset_peak();
     }
@@ -314,6 +324,7 @@ impl Device {
 
     /// Device time by kernel and shape since the last [`reset_profile`](Self::reset_profile), most expensive first; without what
     /// [waits](super::Batch::defer).
+    #[doc(hidden)]
     pub fn profile(&self) -> Vec<ProfileRow> {
         lock(&self.shared.profile).rows()
     }
@@ -332,21 +343,25 @@ impl Device {
 
     /// What the driver told of the kernels compiled so far, in the order of their names; nothing without
     /// [`DeviceOptions::statistics`], or from a driver without VK_KHR_pipeline_executable_properties.
+    #[doc(hidden)]
     pub fn kernel_statistics(&self) -> Vec<KernelStatistics> {
         self.shared.statistics.as_ref().map_or_else(Vec::new, Statistics::rows)
     }
 
     /// Clears all times and credits.
+    #[doc(hidden)]
     pub fn reset_profile(&self) {
         lock(&self.shared.profile).clear();
     }
 
     /// Messages of the validation layer so far; empty without validation.
+    #[doc(hidden)]
     pub fn validation_messages(&self) -> Vec<String> {
         self.validation_log().messages()
     }
 
     /// The log of these messages; a clone of it outlives the device.
+    #[doc(hidden)]
     pub fn validation_log(&self) -> ValidationLog {
         self.shared.instance.log().clone()
     }

@@ -56,6 +56,7 @@ pub enum GpuError {
     },
     /// A buffer, or the range of it that is bound, is larger than a kernel can bind.
     #[error("buffer \"{label}\" of {bytes} exceeds the device's limit of {limit}; split it into pages")]
+    #[doc(hidden)]
     BufferTooLarge {
         /// Label of the buffer.
         label: String,
@@ -66,6 +67,7 @@ pub enum GpuError {
     },
     /// A slice or a transfer goes beyond the end of its buffer.
     #[error("bytes {offset}..{offset}+{bytes} are outside \"{label}\", which has {size} bytes")]
+    #[doc(hidden)]
     OutOfRange {
         /// Label of the buffer.
         label: String,
@@ -78,6 +80,7 @@ pub enum GpuError {
     },
     /// A slice, copy or fill is not aligned.
     #[error("offset {offset} or length {bytes} in \"{label}\" is not a multiple of {alignment} bytes")]
+    #[doc(hidden)]
     Misaligned {
         /// Label of the buffer.
         label: String,
@@ -90,18 +93,21 @@ pub enum GpuError {
     },
     /// Source and target of a copy overlap.
     #[error("a copy within \"{label}\" overlaps itself; copy through another buffer")]
+    #[doc(hidden)]
     Overlap {
         /// Label of the buffer.
         label: String,
     },
     /// An object was made on another device than the one that uses it.
     #[error("\"{label}\" belongs to another device; create it on the one that uses it")]
+    #[doc(hidden)]
     OtherDevice {
         /// Label of the buffer, or name of the kernel.
         label: String,
     },
     /// A dispatch does not fit its kernel.
     #[error("kernel \"{kernel}\" got {given} {what}, it takes {wanted}")]
+    #[doc(hidden)]
     WrongArguments {
         /// Name of the kernel.
         kernel: &'static str,
@@ -116,6 +122,7 @@ pub enum GpuError {
     #[error(
         "kernel \"{kernel}\" has {bytes} bytes of push constants; the limit is {limit}, in multiples of 4: move some to a buffer"
     )]
+    #[doc(hidden)]
     PushTooLarge {
         /// Name of the kernel.
         kernel: &'static str,
@@ -126,6 +133,7 @@ pub enum GpuError {
     },
     /// A kernel binds more buffers than the device allows.
     #[error("kernel \"{kernel}\" binds {bindings} buffers, the device takes {limit}; merge arrays")]
+    #[doc(hidden)]
     TooManyBindings {
         /// Name of the kernel.
         kernel: &'static str,
@@ -138,6 +146,7 @@ pub enum GpuError {
     #[error(
         "kernel \"{kernel}\": {groups:?} workgroups exceed the device's limit of {limit:?}; split the dispatch"
     )]
+    #[doc(hidden)]
     TooManyGroups {
         /// Name of the kernel.
         kernel: &'static str,

@@ -7,7 +7,6 @@
 //! and always finite.
 #![warn(missing_docs)]
 
-mod clusters;
 mod exchange;
 mod light;
 mod lines;

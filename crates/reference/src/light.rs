@@ -32,11 +32,8 @@ pub const IRRADIANCE: usize = 0;
 pub const INCIDENT: usize = 1;
 /// Index of the diffuse radiance in a run of outgoing light.
 pub const DIFFUSE: usize = 0;
-/// Index in a run of outgoing light of the first moment of the diffuse radiance around the centroid: three
-/// entries, one for each coordinate. For triangles, it is zero.
-pub const MOMENT: usize = 1;
 /// Index of the first bin of specular radiance in a run of outgoing light. The bins of antiradiance follow.
-pub const SPECULAR: usize = 4;
+pub const SPECULAR: usize = 1;
 
 /// The light of each triangle.
 pub type Runs = Vec<Vec<DVec3>>;
@@ -80,8 +77,7 @@ impl Outgoing {
     pub(super) fn runs(&self, model: &Model) -> Runs {
         let run = |(i, diffuse): (usize, &DVec3)| {
             let bins = model.bins_of(i).unwrap_or(0..0);
-            let moment = [DVec3::ZERO; SPECULAR - MOMENT];
-            [&[*diffuse], &moment[..], &self.specular[bins.clone()], &self.antiradiance[bins]].concat()
+            [&[*diffuse], &self.specular[bins.clone()], &self.antiradiance[bins]].concat()
         };
         self.diffuse.iter().enumerate().map(run).collect()
     }

@@ -1,13 +1,12 @@
 //! The lines along which light travels from a source to a receiver, and with which weights. Twin of crates/core/glsl/transport_*.comp,
-//! crates/core/glsl/near.comp and crates/core/glsl/gather*.comp; with dual numbers, of crates/core/glsl/*_derivative.comp.
+//! and crates/core/glsl/near.comp; with dual numbers, of crates/core/glsl/*_derivative.comp.
 //!
 //! A line reads a weighted sum of what its source sends, and adds it, weighted, to what arrives at its receiver: U is the sum over all
 //! lines. Read the other way, the lines are Uᵀ.
 
-use super::light::{DIFFUSE, INCIDENT, IRRADIANCE, MOMENT, SPECULAR};
+use super::light::{DIFFUSE, INCIDENT, IRRADIANCE, SPECULAR};
 use antirad_core::model::{
-    Bins, Class, Facet, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, QUARTER_RANGE, Scalar, Spread, Vector, centroid,
-    far_weight, projected_solid_angle, quarters,
+    Bins, Class, Facet, QUARTER_RANGE, Scalar, Vector, centroid, far_weight, projected_solid_angle, quarters,
 };
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -65,9 +64,6 @@ pub struct Beam<V: Vector> {
     pub diffuse: V::Scalar,
     /// Projected solid angle for directional radiance, sr.
     pub binned: V::Scalar,
-    /// How the projected solid angle changes along the plane of a cluster, sr per unit of length: for the first moment of the diffuse
-    /// radiance.
-    pub slope: Option<V>,
 }
 
 /// What a source sends along a beam: from the front diffuse and specular radiance, and from the back the negative of the radiance
@@ -76,9 +72,6 @@ pub fn sent<V: Vector>(bins: &Bins, source: &Facet<V>, class: Class, beam: &Beam
     let mut row = Row::new();
     if beam.front {
         row.push(DIFFUSE, beam.diffuse);
-        for (axis, slope) in beam.slope.map(V::to_array).into_iter().flatten().enumerate() {
-            row.push(MOMENT + axis, slope);
-        }
     }
     let (kept, first, direction, radiance) = match beam.front {
         true => (class.glossy, SPECULAR, beam.direction, beam.binned),
@@ -91,22 +84,6 @@ pub fn sent<V: Vector>(bins: &Bins, source: &Facet<V>, class: Class, beam: &Beam
         }
     }
     row
-}
-
-/// Along which lines light travels from a source to a receiver.
-#[derive(Clone, Copy, Debug)]
-pub enum Way {
-    /// Between triangles: from centroid to centroid where they are far, from piece to piece where they are near, blended in between.
-    Whole,
-    /// The point-to-point share, of the sides that may pass: `PAIR_FRONT`, `PAIR_BACK`; blended with
-    /// `PAIR_NEAR`.
-    Far(u32),
-    /// The near-field share, from piece to piece.
-    Near,
-    /// Point to point from a cluster, of the sides that may pass.
-    Cluster(u32),
-    /// Point to point from a volume cluster.
-    Volume,
 }
 
 /// A source and a receiver.
@@ -127,20 +104,11 @@ pub struct Pair<'a, V: Vector> {
 const COINCIDENT: f64 = 1e-12;
 
 impl<V: Vector> Pair<'_, V> {
-    /// All lines of a way.
-    pub fn lines(&self, way: Way, visit: &mut impl FnMut(Line<V::Scalar>)) {
-        match way {
-            Way::Whole => {
-                let weight = self.far_weight();
-                self.far(weight, PAIR_FRONT | PAIR_BACK, visit);
-                self.near(-weight + 1.0, visit);
-            }
-            Way::Far(passing) if passing & PAIR_NEAR != 0 => self.far(self.far_weight(), passing, visit),
-            Way::Far(passing) => self.far(1.0.into(), passing, visit),
-            Way::Near => self.near(-self.far_weight() + 1.0, visit),
-            Way::Cluster(passing) => self.of_cluster(passing, visit),
-            Way::Volume => self.of_volume(visit),
-        }
+    /// All lines: from centroid to centroid where the two are far, from piece to piece where they are near, blended in between.
+    pub fn lines(&self, visit: &mut impl FnMut(Line<V::Scalar>)) {
+        let weight = self.far_weight();
+        self.far(weight, visit);
+        self.near(-weight + 1.0, visit);
     }
 
     /// R, the squared distance below which the near field takes part, m².
@@ -168,7 +136,7 @@ impl<V: Vector> Pair<'_, V> {
     }
 
     /// Centroid to centroid: cos_j |cos_i| a_i g, with g = 1/(r² + a_i/π).
-    fn far(&self, weight: V::Scalar, passing: u32, visit: &mut impl FnMut(Line<V::Scalar>)) {
+    fn far(&self, weight: V::Scalar, visit: &mut impl FnMut(Line<V::Scalar>)) {
         if weight <= 0.0 {
             return;
         }
@@ -178,15 +146,11 @@ impl<V: Vector> Pair<'_, V> {
         let (cos_i, cos_j) = (direction.dot(source.normal), -direction.dot(receiver.normal));
         let front = cos_i > 0.0;
         // In this form, a NaN direction exchanges nothing either.
-        if cos_j > 0.0 && cos_i != 0.0 && passes(front, passing) {
-            let projected = weight * cos_j * cos_i.abs() * self.sent_area(between.length_squared());
-            self.line(Beam { direction, front, diffuse: projected, binned: projected, slope: None }, visit);
+        if cos_j > 0.0 && cos_i != 0.0 {
+            let kernel = self.source.area / (between.length_squared() + self.source.area / PI);
+            let projected = weight * cos_j * cos_i.abs() * kernel;
+            self.line(Beam { direction, front, diffuse: projected, binned: projected }, visit);
         }
-    }
-
-    /// a g.
-    fn sent_area(&self, r2: V::Scalar) -> V::Scalar {
-        self.source.area / (r2 + self.source.area / PI)
     }
 
     /// Quarters to quarters; for directional radiance, where two quarters are close relative to their size, sixteenths to sixteenths.
@@ -239,48 +203,8 @@ impl<V: Vector> Pair<'_, V> {
                 front: side > 0.0,
                 diffuse: diffuse * projected,
                 binned: binned * projected,
-                slope: None,
             };
             self.line(beam, visit);
         }
     }
-
-    /// A cluster is a mean triangle, with the variance of its triangles in place of the characteristic area.
-    fn of_cluster(&self, passing: u32, visit: &mut impl FnMut(Line<V::Scalar>)) {
-        let (source, receiver) = (self.source, self.receiver);
-        let between = receiver.centroid - source.centroid;
-        let r2 = between.length_squared();
-        let direction = between.normalize();
-        let cos_i = direction.dot(source.normal);
-        let front = cos_i > 0.0;
-        if !passes(front, passing) {
-            return;
-        }
-        let tilt = receiver.normal.dot(source.normal) * cos_i.value().signum();
-        let angle2 = source.characteristic_area / r2;
-        let to = -direction.dot(receiver.normal);
-        if let Some(seen) = Spread::new(to, cos_i.abs(), tilt, angle2) {
-            let sent = cos_i.abs() * self.sent_area(r2);
-            let projected = sent * seen.cosine;
-            let slope = (receiver.normal * seen.above + direction * (seen.mean * 4.0)) * (sent / r2.sqrt());
-            let slope = Some(slope);
-            self.line(Beam { direction, front, diffuse: projected, binned: projected, slope }, visit);
-        }
-    }
-
-    /// A volume is a point with a net intensity per direction, whose front is above the horizon.
-    fn of_volume(&self, visit: &mut impl FnMut(Line<V::Scalar>)) {
-        let between = self.receiver.centroid - self.source.centroid;
-        let r2 = between.length_squared();
-        let direction = between.normalize();
-        let to = -direction.dot(self.receiver.normal);
-        let seen = Spread::in_space(to, self.source.characteristic_area / r2);
-        let projected = seen.cosine * self.sent_area(r2);
-        let front = direction.value().z > 0.0;
-        self.line(Beam { direction, front, diffuse: projected, binned: projected, slope: None }, visit);
-    }
-}
-
-fn passes(front: bool, passing: u32) -> bool {
-    passing & if front { PAIR_FRONT } else { PAIR_BACK } != 0
 }

@@ -48,6 +48,6 @@ fn seen<V: Vector>(model: &Model, i: usize, facet: &Facet<V>, camera_position: V
         return Row::new();
     }
     let one = V::Scalar::from(1.0);
-    let beam = Beam { direction: to_camera.normalize(), front: true, diffuse: one, binned: one, slope: None };
+    let beam = Beam { direction: to_camera.normalize(), front: true, diffuse: one, binned: one };
     sent(&model.bins, facet, model.classes[i], &beam)
 }

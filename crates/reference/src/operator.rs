@@ -29,7 +29,7 @@ impl LightOperator for &Model {
         if with_emission || x.is_none() {
             outgoing += &emission(self);
         }
-        *y = Exchange::new(self, None).apply(&outgoing);
+        *y = Exchange::new(self).apply(&outgoing);
         Ok(())
     }
 
@@ -70,7 +70,7 @@ pub struct AdjointEquation<'a> {
 impl AdjointEquation<'_> {
     /// μ = μ0 + Uᵀ λ: the derivative of the loss with respect to the outgoing light, and hence to emission.
     pub fn outgoing(&self, importance: &State) -> Outgoing {
-        let mut outgoing = Exchange::new(self.model, None).transpose(importance);
+        let mut outgoing = Exchange::new(self.model).transpose(importance);
         outgoing += &self.outgoing;
         outgoing
     }
@@ -88,7 +88,7 @@ impl LightOperator for AdjointEquation<'_> {
         *y = match (x, emission) {
             (None, false) => self.model.zero(),
             (None, true) => reflect_adjoint(self.model, &self.outgoing),
-            (Some(x), false) => reflect_adjoint(self.model, &Exchange::new(self.model, None).transpose(x)),
+            (Some(x), false) => reflect_adjoint(self.model, &Exchange::new(self.model).transpose(x)),
             (Some(x), true) => reflect_adjoint(self.model, &self.outgoing(x)),
         };
         if emission {

@@ -15,6 +15,7 @@ impl Material {
     /// Albedo of the specular lobe for σ = 1, the maximum over angles of incidence. It scales with σ.
     ///
     /// ∫ N(p) ⟨h,n⟩^p cosθ dω over the reflected directions, to about 1 % for p up to 1e5.
+    #[doc(hidden)]
     pub fn specular_albedo_per_sigma(&self) -> f64 {
         INCIDENCES
             .map(|step| self.lobe_albedo((f64::from(step) * INCIDENCE_STEP).to_radians()))
@@ -29,6 +30,7 @@ impl Material {
     /// The largest albedo over channels and directions of incidence: diffuse plus specular.
     ///
     /// At 1 and above, the solve of a closed room of this material diverges.
+    #[doc(hidden)]
     pub fn total_albedo(&self) -> f64 {
         let lobe = if self.is_glossy() { self.specular_albedo_per_sigma() } else { 0.0 };
         self.total_albedo_with(lobe)

@@ -19,6 +19,7 @@ pub struct AlbedoTexture {
 
 impl Scene {
     /// The texture of a triangle's albedo, if it has one.
+    #[doc(hidden)]
     pub fn albedo_texture(&self, triangle: usize) -> Option<AlbedoTexture> {
         let (pattern, maps) = self.patterns.get(triangle)?;
         let map = maps.albedo.as_ref()?;
@@ -36,6 +37,7 @@ impl Scene {
     ///
     /// # Errors
     /// Fails if it cannot be encoded. The error says why.
+    #[doc(hidden)]
     pub fn albedo_png(&self, index: u32) -> Result<Vec<u8>, String> {
         let texture = self.patterns.albedo_map(index).ok_or("there is no such texture")?;
         texture.png().map_err(|error| error.to_string())

@@ -99,6 +99,7 @@ impl Scene {
     /// # Errors
     /// Fails if an index, a coordinate, the range of a mesh, a material or a sun is invalid, or if the scene has
     /// no triangles or too many.
+    #[doc(hidden)]
     pub fn validate(&self) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_geometry()?;
@@ -108,6 +109,7 @@ impl Scene {
 
     /// Checks a scene as [`Scene::validate`] does, but allows negative emission and negative irradiance by suns.
     /// Light is linear in both, so that differences of scenes can be solved too.
+    #[doc(hidden)]
     pub fn validate_linear(&self) -> Result<(), SceneError> {
         self.check_counts()?;
         self.check_geometry()?;
@@ -116,6 +118,7 @@ impl Scene {
     }
 
     /// Checks indices and coordinates, all that pictures depend on.
+    #[doc(hidden)]
     pub fn check_geometry(&self) -> Result<(), SceneError> {
         self.check_triangles()?;
         match self.degenerate.iter().find(|&&t| t as usize >= self.triangles.len()) {
@@ -199,6 +202,7 @@ impl Scene {
     }
 
     /// Updates the list of triangles without area after vertices have moved.
+    #[doc(hidden)]
     pub fn update_degenerate(&mut self) {
         self.degenerate =
             (0..self.triangles.len()).filter(|&t| is_flat(self.corners(t))).map(|t| t as u32).collect();

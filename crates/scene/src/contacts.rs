@@ -44,6 +44,7 @@ impl Scene {
     /// Surfaces that emit and reflect nothing stay. Finds the [creases](Self::creases) of what is left.
     ///
     /// Returns the original triangle of each new one.
+    #[doc(hidden)]
     pub fn cut_along_contacts(&mut self, max_triangles: usize) -> Vec<u32> {
         let count = self.triangles.len() as u32;
         let mut cuts = Contacts::of(self).cuts();

@@ -68,6 +68,7 @@ pub enum SceneError {
 
     /// All triangles are points or lines.
     #[error("none of the scene's triangles has an area: check the meshes' coordinates and scale")]
+    #[doc(hidden)]
     NoArea,
 
     /// The scene is too large or too small to compute with.
@@ -102,6 +103,7 @@ pub enum SceneError {
 
     /// More triangles or vertices than 32-bit indices or memory allow.
     #[error("{count} {what}, but at most {limit} are possible; use fewer or a lower `subdivide`")]
+    #[doc(hidden)]
     TooMany {
         /// What there are too many of.
         what: &'static str,
@@ -129,6 +131,7 @@ pub enum SceneError {
 
     /// A vertex that no triangle uses is not finite.
     #[error("vertex {vertex}, which no triangle uses, is not finite; remove it")]
+    #[doc(hidden)]
     UnusedVertex {
         /// Index of the vertex.
         vertex: usize,
@@ -163,6 +166,7 @@ pub enum SceneError {
         "{count} triangle(s) without area, the first is triangle {triangle} of mesh \"{mesh}\"; \
          remove them or load without strict"
     )]
+    #[doc(hidden)]
     Degenerate {
         /// How many.
         count: usize,
@@ -176,6 +180,7 @@ pub enum SceneError {
     #[error(
         "triangle {triangle} is listed as degenerate, but there are only {count}; call Scene::check to update the list"
     )]
+    #[doc(hidden)]
     UnknownDegenerate {
         /// The index out of range.
         triangle: u32,

@@ -23,6 +23,7 @@ impl Scene {
     ///
     /// Texture coordinates are those of that triangle, continued over its plane. Vertices of simplified meshes that this scene has moved are
     /// where the file has them.
+    #[doc(hidden)]
     pub fn with_given_meshes(&self) -> Option<(Self, Vec<u32>)> {
         let given = self.given.as_ref()?;
         let first_vertex = self.vertices.len() as u32;

@@ -72,9 +72,7 @@ pub use painting::Painting;
 pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
 pub use relight::LampFactor;
-pub use settings::{
-    BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, VisibilityChoice,
-};
+pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, VisibilityChoice};
 pub use shapes::Shape;
 pub use sky::Sky;
 pub use sun::Sun;
@@ -134,10 +132,12 @@ pub struct Scene {
     /// Meshes, whose ranges of triangles cover all of them, in order.
     pub meshes: Vec<Mesh>,
     /// One per mesh if the scene came from files, else empty.
+    #[doc(hidden)]
     pub origins: Vec<Origin>,
     /// Materials, which triangles refer to by index.
     pub materials: Vec<Material>,
     /// How materials vary within triangles, which pictures show.
+    #[doc(hidden)]
     pub patterns: Arc<Patterns>,
     /// Suns, in file order.
     pub suns: Vec<Sun>,
@@ -146,15 +146,19 @@ pub struct Scene {
     /// Settings of a solve.
     pub settings: SolveSettings,
     /// Which settings are left to be chosen.
+    #[doc(hidden)]
     pub choice: Choice,
     /// Indices of triangles without area: they keep their row in every output, but take no part in light transport.
+    #[doc(hidden)]
     pub degenerate: Vec<u32>,
     /// Of each triangle, the sides (from corner k to the next) along which another surface meets its own: pictures interpolate nothing across.
     /// Empty where none are known; [`Self::cut_along_contacts`] finds them.
+    #[doc(hidden)]
     pub creases: Vec<[bool; 3]>,
     /// Warnings for the user, in whole sentences (a default camera, no light, albedo near one).
     pub warnings: Vec<String>,
     /// The meshes that were simplified, as their files have them; see [`Self::with_given_meshes`].
+    #[doc(hidden)]
     pub given: Option<Arc<GivenMeshes>>,
 }
 
@@ -166,6 +170,7 @@ impl Scene {
 
     /// The origin of a triangle as text for messages, as far as known, such as
     /// `room.obj:17 (triangle 5 of mesh "room")`.
+    #[doc(hidden)]
     pub fn place_of(&self, triangle: usize) -> String {
         let holds = |m: &Mesh| (m.range.start as usize..m.range.end as usize).contains(&triangle);
         let Some(mesh) = self.meshes.iter().position(holds) else {

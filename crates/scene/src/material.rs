@@ -60,6 +60,7 @@ impl Material {
     }
 
     /// True if it emits light and reflects none, as skies and most lamps do.
+    #[doc(hidden)]
     pub fn only_emits(&self) -> bool {
         self.emits() && !self.is_glossy() && self.diffuse_albedo() == [0.0; 3]
     }
@@ -82,6 +83,7 @@ impl Material {
     }
 
     /// True if all its RGB values are grey.
+    #[doc(hidden)]
     pub fn is_grey(&self) -> bool {
         [self.albedo, self.specular, self.emission].iter().all(|&[r, g, b]| r == g && g == b)
     }
@@ -92,6 +94,7 @@ impl Material {
     }
 
     /// N(p), the factor of the specular lobe, 1/sr.
+    #[doc(hidden)]
     pub fn specular_normalization(&self) -> f64 {
         use std::f64::consts::PI;
         let p = self.power;
@@ -102,11 +105,13 @@ impl Material {
     }
 
     /// σ N(p), RGB, 1/sr.
+    #[doc(hidden)]
     pub fn lobe_scale(&self) -> [f64; 3] {
         self.specular.map(|sigma| sigma * self.specular_normalization())
     }
 
     /// dN/dp, 1/sr.
+    #[doc(hidden)]
     pub fn specular_normalization_derivative(&self) -> f64 {
         use std::f64::consts::{LN_2, PI};
         let p = self.power;

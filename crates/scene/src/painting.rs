@@ -34,6 +34,7 @@ impl Scene {
     ///
     /// # Errors
     /// Fails if the atlas has more charts than the texture has room for.
+    #[doc(hidden)]
     pub fn paint(&mut self, triangles: &[u32], size: [u32; 2]) -> Result<(Painting, Vec<DVec3>), Crowded> {
         let given = triangles.iter().map(|&t| self.patterns.uvs(t as usize)).collect::<Option<_>>();
         let (uvs, chart_of): (Vec<[DVec2; 3]>, Vec<u32>) = match given {
@@ -57,6 +58,7 @@ impl Scene {
     }
 
     /// Changes the texels of a painting, row by row from the top, and with them the albedo of its triangles, which is their mean.
+    #[doc(hidden)]
     pub fn set_painting(&mut self, painting: &Painting, texels: Vec<DVec3>) {
         let patterns = Arc::make_mut(&mut self.patterns);
         for (&t, weights) in painting.triangles.iter().zip(&painting.means) {
@@ -85,6 +87,7 @@ impl Painting {
     }
 
     /// The weights of texels in the mean over each of the triangles.
+    #[doc(hidden)]
     pub fn means(&self) -> &[Vec<(u32, f64)>] {
         &self.means
     }
@@ -96,6 +99,7 @@ impl Painting {
 
     /// Pairs of texels next to each other. In an atlas these are of the same chart: beyond its border lies another part of the surface, or
     /// nothing.
+    #[doc(hidden)]
     pub fn neighbours(&self) -> Vec<[u32; 2]> {
         let [columns, rows] = self.size;
         let is_one_surface =
@@ -112,6 +116,7 @@ impl Painting {
     }
 
     /// Texels that have the albedo of the triangles which they cover.
+    #[doc(hidden)]
     pub fn texels_of(&self, albedo: impl Fn(usize) -> DVec3) -> Vec<DVec3> {
         let mut sums = vec![(DVec3::ZERO, 0.0); self.texels()];
         for (&t, weights) in self.triangles.iter().zip(&self.means) {
@@ -126,17 +131,20 @@ impl Painting {
     }
 
     /// Whether it covers a triangle of a scene with these patterns.
+    #[doc(hidden)]
     pub fn covers(&self, patterns: &Patterns, triangle: usize) -> bool {
         patterns.place(triangle, DVec3::ZERO).is_some_and(|(maps, _)| maps == self.maps)
     }
 
     /// The weights of the texels around a point of a triangle that it covers, by barycentric coordinates, in the albedo there.
+    #[doc(hidden)]
     pub fn weights(&self, patterns: &Patterns, triangle: usize, barycentric: DVec3) -> [(u32, f64); 4] {
         let uv = patterns.place(triangle, barycentric).map_or(DVec2::ZERO, |(_, uv)| uv);
         weights(self.size, uv)
     }
 
     /// Derivatives by texels, from those by the albedo of triangles, which is a mean of texels.
+    #[doc(hidden)]
     pub fn pull_back(&self, by_triangle: impl Fn(usize) -> DVec3, by_texels: &mut [DVec3]) {
         for (&t, weights) in self.triangles.iter().zip(&self.means) {
             let by = by_triangle(t as usize);

@@ -125,11 +125,13 @@ impl Pattern {
 
 impl Patterns {
     /// Whether no triangle has a pattern.
+    #[doc(hidden)]
     pub fn is_empty(&self) -> bool {
         self.of.iter().all(Option::is_none)
     }
 
     /// Whether the textures that are fitted have the same texels as those of another state of the same scene.
+    #[doc(hidden)]
     pub fn same_texels(&self, other: &Self) -> bool {
         let same = |(a, b): (&Maps, &Maps)| match (&a.albedo, &b.albedo) {
             (Some(a), Some(b)) => Arc::ptr_eq(&a.texture, &b.texture) || a.texture.same_light(&b.texture),
@@ -198,6 +200,7 @@ impl Patterns {
     }
 
     /// The texture coordinates of a triangle's corners, if it has some.
+    #[doc(hidden)]
     pub fn uvs(&self, triangle: usize) -> Option<[DVec2; 3]> {
         self.uvs.get(triangle).copied().filter(|uvs| uvs.iter().all(|uv| uv.is_finite()))
     }
@@ -235,16 +238,19 @@ impl Patterns {
     }
 
     /// The factors at a point of a triangle, by its barycentric coordinates.
+    #[doc(hidden)]
     pub fn at(&self, triangle: usize, barycentric: DVec3) -> Option<Factors> {
         self.get(triangle).map(|(pattern, maps)| pattern.at(maps, barycentric))
     }
 
     /// Whether a triangle has a pattern.
+    #[doc(hidden)]
     pub fn vary(&self, triangle: usize) -> bool {
         self.get(triangle).is_some()
     }
 
     /// Whether two triangles have the same texture, or none, along the edge that they share. `corners`: of both ends, the corner of each.
+    #[doc(hidden)]
     pub fn continue_over_edge(&self, [a, b]: [usize; 2], corners: [[usize; 2]; 2]) -> bool {
         let same = |a: DVec2, b: DVec2| a == b || a.is_nan() && b.is_nan();
         match (self.get(a), self.get(b)) {
@@ -258,6 +264,7 @@ impl Patterns {
     }
 
     /// How many texels lie between two points of a triangle, by their barycentric coordinates, at most.
+    #[doc(hidden)]
     pub fn texels_between(&self, triangle: usize, from: DVec3, to: DVec3) -> f64 {
         let Some((Pattern { uvs, .. }, maps)) = self.get(triangle) else { return 0.0 };
         let [from, to] = [from, to].map(|b| uvs[0] * b.x + uvs[1] * b.y + uvs[2] * b.z);

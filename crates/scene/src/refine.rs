@@ -94,6 +94,7 @@ impl Scene {
     }
 
     /// The diagonal of the box around all surfaces but those that emit and reflect nothing, such as a [sky](Self::add_sky), m.
+    #[doc(hidden)]
     pub fn diagonal_of_what_reflects(&self) -> f64 {
         let reflects = |t: &usize| !self.material(*t).only_emits();
         let (low, high) = bounds((0..self.triangles.len()).filter(reflects).flat_map(|t| self.corners(t)));
@@ -103,6 +104,7 @@ impl Scene {
     /// Cuts triangles with edges longer than a share of the scene's diagonal until there are none, or `max_triangles` would be exceeded.
     /// Surfaces that emit and reflect nothing, such as a [sky](Self::add_sky), do not count and stay. Returns the original triangle of
     /// each new one.
+    #[doc(hidden)]
     pub fn split_wide(&mut self, share: f64, max_triangles: usize) -> Vec<u32> {
         let reflects = |scene: &Self, t: u32| !scene.material(t as usize).only_emits();
         let widest = share * self.diagonal_of_what_reflects();
@@ -122,6 +124,7 @@ impl Scene {
 
     /// Halves triangles across their longest side until none is longer than the limit of its triangle, m. Returns the original triangle of
     /// each new one.
+    #[doc(hidden)]
     pub fn split_long(&mut self, limits: &[f64]) -> Vec<u32> {
         let mut parents: Vec<u32> = (0..self.triangles.len() as u32).collect();
         let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
@@ -153,6 +156,7 @@ impl Scene {
     }
 
     /// The longest side of a triangle, from corner k to the next, and its length, m. Of equally long ones the same for both sides of a sheet.
+    #[doc(hidden)]
     pub fn longest_side(&self, triangle: usize) -> (usize, f64) {
         let corners = self.corners(triangle);
         let sides = [0, 1, 2].map(|k| {
@@ -171,6 +175,7 @@ impl Scene {
     /// Area-weighted means of per-triangle values of a subdivided scene, on the triangles of the original scene.
     ///
     /// `parents`: per triangle, its original; `areas`: of the originals, m².
+    #[doc(hidden)]
     pub fn means_on(&self, parents: &[u32], areas: &[f64], values: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let mut sums = vec![DVec3::ZERO; areas.len()];
         for (i, (&parent, &value)) in parents.iter().zip(values).enumerate() {

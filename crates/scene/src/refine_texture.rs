@@ -25,6 +25,7 @@ impl Scene {
     /// differs from the triangle's by more than `tolerance`: of albedo absolutely, of emission as a share of the scene's brightest. The
     /// most uneven ones first, until none is left, `max_triangles` would be exceeded, or `levels` rounds are done. Each part gets a
     /// material with its own means. A texture too fine for sixteen parts to differ is left as it is.
+    #[doc(hidden)]
     pub fn refine_textures(&mut self, tolerance: f64, max_triangles: usize, levels: u32) -> TextureRefined {
         let mut refined =
             TextureRefined { parents: (0..self.triangles.len() as u32).collect(), rounds: 0, full: false };

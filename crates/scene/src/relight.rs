@@ -96,6 +96,7 @@ impl Scene {
     /// # Errors
     /// Fails if nothing of a name emits, if a factor is negative or not finite, or if the light becomes too strong to compute with. The
     /// scene is then as before.
+    #[doc(hidden)]
     pub fn scale_lamps(&mut self, factors: &[LampFactor]) -> Result<(), SceneError> {
         let mut suns = self.suns.clone();
         let mut of: HashMap<u32, [f64; 3]> = HashMap::new();
@@ -127,6 +128,7 @@ impl Scene {
 
     /// Names for [`Scene::scale_lamps`] that cover all that emits: suns; each mesh that emits all over, or has very many materials that
     /// emit; and of other meshes the materials that emit.
+    #[doc(hidden)]
     pub fn lamps(&self) -> Vec<String> {
         let materials: Vec<&str> = self.materials.iter().map(|material| material.name.as_str()).collect();
         self.lamps_named(&materials)
@@ -136,6 +138,7 @@ impl Scene {
     ///
     /// # Errors
     /// Fails if the file cannot be written.
+    #[doc(hidden)]
     pub fn save_lamps(&self, path: &Path) -> Result<(), OutputError> {
         let names = self.saved_names();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::texture::Texture;
 use super::{
-    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun, Transport,
+    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun,
     VisibilityChoice, free_name,
 };
 use antirad_base::output::{OutputError, atomic_write};
@@ -72,16 +72,8 @@ struct SettingsTable {
     solver: &'static str,
     precision: String,
     backend: String,
-    transport: TransportTable,
     visibility: &'static str,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "snake_case")]
-enum TransportTable {
-    Auto,
-    Exact,
-    Hierarchical(f64),
+    ray_error: f64,
 }
 
 #[derive(Serialize)]
@@ -282,16 +274,12 @@ impl Scene {
             },
             precision: self.settings.precision.to_string(),
             backend: self.settings.backend.to_string(),
-            transport: match self.settings.transport {
-                Transport::Auto => TransportTable::Auto,
-                Transport::Exact => TransportTable::Exact,
-                Transport::Hierarchical { error } => TransportTable::Hierarchical(error),
-            },
             visibility: match self.settings.visibility {
                 VisibilityChoice::Auto => "auto",
                 VisibilityChoice::Implicit => "implicit",
                 VisibilityChoice::Explicit => "explicit",
             },
+            ray_error: self.settings.ray_error,
         };
         let sun = |sun: &Sun| SunTable {
             direction: sun.direction.into(),

@@ -10,6 +10,7 @@ use super::{Scene, Triangle};
 
 impl Scene {
     /// Per triangle, another one with the same corners and the opposite front.
+    #[doc(hidden)]
     pub fn other_sides(&self) -> Vec<Option<u32>> {
         let there: HashMap<_, u32> =
             (0..).zip(&self.triangles).map(|(i, t)| (self.front(t.vertices), i)).collect();

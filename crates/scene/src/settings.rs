@@ -1,4 +1,4 @@
-//! Settings of a solve: bins, near field, lamps, tolerance, solver, precision, transport.
+//! Settings of a solve: bins, near field, lamps, tolerance, solver, precision, visibility.
 
 use antirad_base::setters;
 use std::fmt;
@@ -154,82 +154,8 @@ impl fmt::Display for Precision {
     }
 }
 
-/// How light from far triangles is summed up.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub enum Transport {
-    /// Clusters where there are at least [`Transport::FEWEST`] triangles and clusters save work, else the exact sum; their error is a share of
-    /// the target error (module `target_error`), or [`Transport::USUAL`]. The plan says which, and why.
-    #[default]
-    Auto,
-    /// Every triangle from every other.
-    Exact,
-    /// Neighbours that are far away are taken together, as one source. Where visibility is explicit: as many rays as the error takes.
-    Hierarchical {
-        /// Error of irradiance that this may cause, relative to its mean.
-        error: f64,
-    },
-}
-
-impl Transport {
-    /// Triangles below which [`Transport::Auto`] takes the exact sum, whose time is then mostly that of close pairs.
-    pub const FEWEST: usize = 4000;
-    /// Error that [`Transport::Auto`] allows where none is asked for, half of what an answer may be off: clusters change irradiance by a
-    /// third of it or less, as a relative L2 norm.
-    pub const USUAL: f64 = 0.005;
-
-    /// [`Transport::Auto`] for a number of triangles and an error asked for; others stay what they are.
-    pub fn within(self, error: f64, triangles: usize) -> Self {
-        match self {
-            Self::Auto if triangles >= Self::FEWEST => Self::Hierarchical { error },
-            other => other,
-        }
-    }
-
-    /// [`Transport::Auto`] for a number of triangles where no error is asked for; others stay what they are.
-    pub fn usual(self, triangles: usize) -> Self {
-        self.within(Self::USUAL, triangles)
-    }
-
-    fn validate(self) -> Result<(), String> {
-        match self {
-            Self::Hierarchical { error } if !(error > 0.0 && error < 1.0) => {
-                Err(format!("transport: an error of {error} must lie between 0 and 1; 0.003 is 0.3 %"))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
-/// `auto`, `exact` or `hierarchical:0.003`, which [`Transport::from_str`] reads back.
-impl fmt::Display for Transport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Auto => f.write_str("auto"),
-            Self::Exact => f.write_str("exact"),
-            Self::Hierarchical { error } => write!(f, "hierarchical:{error}"),
-        }
-    }
-}
-
-impl FromStr for Transport {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let error = text.strip_prefix("hierarchical:").and_then(|error| error.parse().ok());
-        let transport = match (text, error) {
-            ("auto", _) => Self::Auto,
-            ("exact", _) => Self::Exact,
-            (_, Some(error)) => Self::Hierarchical { error },
-            _ => {
-                return Err(format!(
-                    "transport `{text}`: expected auto, exact, or hierarchical:ERROR like 0.003"
-                ));
-            }
-        };
-        transport.validate()?;
-        Ok(transport)
-    }
-}
+/// Errors that may be asked of rays: no scene has the rays for less, and more says nothing of light.
+const RAY_ERRORS: RangeInclusive<f64> = 1e-5..=0.5;
 
 /// Settings that trade accuracy for time and memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -251,10 +177,10 @@ pub struct SolveSettings {
     pub solver: SolverChoice,
     /// Number format of the solve.
     pub precision: Precision,
-    /// How light from far triangles is summed up, where visibility is implicit.
-    pub transport: Transport,
     /// How blockers keep light from what is behind them.
     pub visibility: VisibilityChoice,
+    /// Standard error of the irradiance that rays bring, relative to its mean over the area, where visibility is by rays.
+    pub ray_error: f64,
     /// The backend that computes light.
     pub backend: BackendChoice,
 }
@@ -267,8 +193,8 @@ setters!(SolveSettings {
     max_passes: u32,
     solver: SolverChoice,
     precision: Precision,
-    transport: Transport,
     visibility: VisibilityChoice,
+    ray_error: f64,
     backend: BackendChoice,
 });
 
@@ -297,12 +223,14 @@ impl Default for Choice {
 
 impl Choice {
     /// Nothing is open.
+    #[doc(hidden)]
     pub const STATED: Self = Self::Open { bins: false, near_field: false };
 
     /// Checks the target error, if there is one.
     ///
     /// # Errors
     /// Fails if it does not lie between 0 and 1.
+    #[doc(hidden)]
     pub fn check(self) -> Result<(), SceneError> {
         match self {
             Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::SolveSettings {
@@ -324,7 +252,6 @@ impl SolveSettings {
 
     fn validate(&self) -> Result<(), String> {
         self.bins.validate()?;
-        self.transport.validate()?;
         if !(self.near_field >= 0.0 && self.near_field.is_finite()) {
             return Err(format!("near_field = {} must be 0 or more, and finite", self.near_field));
         }
@@ -333,6 +260,10 @@ impl SolveSettings {
         }
         if self.max_passes == 0 {
             return Err(String::from("max_passes = 0 must be 1 or more"));
+        }
+        if !RAY_ERRORS.contains(&self.ray_error) {
+            let (least, most) = (RAY_ERRORS.start(), RAY_ERRORS.end());
+            return Err(format!("ray_error = {} is not in {least} to {most}; 0.005 is .5 %", self.ray_error));
         }
         Ok(())
     }
@@ -348,8 +279,8 @@ impl Default for SolveSettings {
             max_passes: 200,
             solver: SolverChoice::Auto,
             precision: Precision::F32,
-            transport: Transport::Auto,
             visibility: VisibilityChoice::Auto,
+            ray_error: 0.005,
             backend: BackendChoice::Auto,
         }
     }
@@ -358,34 +289,6 @@ impl Default for SolveSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn transport_is_read_as_it_is_shown() {
-        for text in ["auto", "exact", "hierarchical:0.003", "hierarchical:0.5"] {
-            assert_eq!(text.parse::<Transport>().map(|t| t.to_string()), Ok(text.to_owned()));
-        }
-        for text in [
-            "",
-            "clusters",
-            "hierarchical",
-            "hierarchical:",
-            "hierarchical:0",
-            "hierarchical:NaN",
-            "hierarchical:1",
-        ] {
-            assert!(text.parse::<Transport>().is_err(), "{text}");
-        }
-    }
-
-    #[test]
-    fn an_error_asked_for_reaches_clusters_only_where_they_are_automatic_and_pay() {
-        let many = Transport::FEWEST;
-        assert_eq!(Transport::Auto.within(0.001, many), Transport::Hierarchical { error: 0.001 });
-        assert_eq!(Transport::Auto.within(0.001, many - 1), Transport::Auto);
-        for given in [Transport::Exact, Transport::Hierarchical { error: 0.02 }] {
-            assert_eq!(given.within(0.001, many), given);
-        }
-    }
 
     #[test]
     fn bins_are_read_as_they_are_shown() {

@@ -63,6 +63,7 @@ fn one() -> u32 {
 
 impl Shape {
     /// The shape's `kind` in a scene file.
+    #[doc(hidden)]
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Quad { .. } => "quad",
@@ -75,6 +76,7 @@ impl Shape {
     }
 
     /// Vertices in metres, and faces counter-clockwise seen from their front. Resolutions out of range are clamped.
+    #[doc(hidden)]
     pub fn mesh(&self) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let (_, number, range) = self.resolution();
         let number = number.clamp(*range.start(), *range.end());

@@ -10,6 +10,7 @@ impl Scene {
     /// `labels`: one per triangle, in the scene's order; triangles beyond its end have none. A material whose triangles all
     /// have one label keeps its name; the others become `NAME.1`, `NAME.2` …, in order of appearance, in place of the old
     /// one. The appearance of triangles does not change.
+    #[doc(hidden)]
     pub fn split_materials(&mut self, labels: &[u64]) {
         // Per material, its labels in order of appearance.
         let mut parts: Vec<Vec<u64>> = vec![Vec::new(); self.materials.len()];

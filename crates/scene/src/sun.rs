@@ -35,16 +35,19 @@ impl Sun {
     }
 
     /// The unit direction in which its light travels.
+    #[doc(hidden)]
     pub fn travels(&self) -> DVec3 {
         self.direction.normalize_or_zero()
     }
 
     /// The angle from its middle to its limb, radians.
+    #[doc(hidden)]
     pub fn angular_radius(&self) -> f64 {
         (0.5 * self.angular_diameter).to_radians()
     }
 
     /// Whether its light is grey.
+    #[doc(hidden)]
     pub fn is_grey(&self) -> bool {
         let [r, g, b] = self.irradiance;
         r == g && g == b
@@ -85,6 +88,7 @@ impl Sun {
 
 impl Scene {
     /// Triangles that stand behind all suns, ascending: those of skies, which are known by the names of their meshes.
+    #[doc(hidden)]
     pub fn behind_suns(&self) -> Vec<u32> {
         let is_sky = |name: &str| {
             let number = name.strip_prefix(SKY).map(|rest| rest.strip_prefix('_').map(str::parse::<u64>));

@@ -13,7 +13,7 @@ use toml::Spanned;
 use super::error::{Place, SceneError};
 use super::{
     BackendChoice, BinLayout, Camera, Choice, Lamps, Material, Normalization, Orient, Precision, Shape,
-    SolveSettings, SolverChoice, Transport, VisibilityChoice,
+    SolveSettings, SolverChoice, VisibilityChoice,
 };
 
 /// Named tables; the span of a name is its position in the file.
@@ -197,8 +197,8 @@ pub(super) struct SettingsTable {
     pub solver: Option<SolverChoice>,
     pub precision: Option<Precision>,
     pub backend: Option<BackendChoice>,
-    pub transport: Option<TransportTable>,
     pub visibility: Option<VisibilityChoice>,
+    pub ray_error: Option<f64>,
 }
 
 impl SettingsTable {
@@ -214,8 +214,8 @@ impl SettingsTable {
             solver: self.solver.unwrap_or(default.solver),
             precision: self.precision.unwrap_or(default.precision),
             backend: self.backend.unwrap_or(default.backend),
-            transport: self.transport.map_or(default.transport, Into::into),
             visibility: self.visibility.unwrap_or(default.visibility),
+            ray_error: self.ray_error.unwrap_or(default.ray_error),
         }
     }
 }
@@ -257,25 +257,6 @@ impl From<BinsTable> for BinLayout {
         match bins {
             BinsTable::EqualAngle([theta, phi]) => Self::EqualAngle { theta, phi },
             BinsTable::Concentric(n) => Self::Concentric { n },
-        }
-    }
-}
-
-/// `"auto"`, `"exact"` or `{ hierarchical = 0.003 }`.
-#[derive(Clone, Copy, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum TransportTable {
-    Auto,
-    Exact,
-    Hierarchical(f64),
-}
-
-impl From<TransportTable> for Transport {
-    fn from(transport: TransportTable) -> Self {
-        match transport {
-            TransportTable::Auto => Self::Auto,
-            TransportTable::Exact => Self::Exact,
-            TransportTable::Hierarchical(error) => Self::Hierarchical { error },
         }
     }
 }

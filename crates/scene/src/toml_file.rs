@@ -59,6 +59,7 @@ fn one_line(message: &str) -> String {
     let mut quoted = message.split('`').skip(1).step_by(2);
     let unknown = message.starts_with("unknown field") || message.starts_with("unknown variant");
     let near = match (unknown, quoted.next()) {
+        (true, Some("transport")) if message.contains("`ray_error`") => Some("ray_error"),
         (true, Some(word)) => nearest(word, quoted),
         _ => None,
     };

@@ -4,7 +4,6 @@ use crate::Failure;
 use crate::settings::MeshSettings;
 use antirad::cli::{Interrupt, Working};
 use antirad::plan::PlanOptions;
-use antirad::scene::Transport;
 use antirad::warnings::{MATTERS, Warning, Warnings};
 use clap::Args;
 use serde::Serialize;
@@ -16,9 +15,6 @@ use serde::Serialize;
 pub struct Arguments {
     #[command(flatten)]
     settings: MeshSettings,
-    /// How the solve sums up light from far triangles: the slower, the more may be spent on exact lamps, as with `antirad render`
-    #[arg(long, value_name = "TRANSPORT")]
-    transport: Option<Transport>,
     /// Print all that was found, not only what may change the answer by more than 1 % of its light
     #[arg(long)]
     all: bool,
@@ -40,7 +36,7 @@ struct Report<'a> {
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     // `antirad plan` tells whether a solve fits in memory.
     let options = PlanOptions::default().boundless();
-    let (scene, plan) = arguments.settings.load_planned(arguments.transport, |_| options, interrupt)?;
+    let (scene, plan) = arguments.settings.load_planned(|_| options, interrupt)?;
     let working = Working::on("looking for causes of errors");
     let warnings = interrupt.while_computing(|| Warnings::with_shadows(&scene, &plan));
     drop(working);

@@ -4,6 +4,7 @@ use crate::Failure;
 use crate::settings::SceneFile;
 use antirad::export::{self, Format};
 use antirad::output::prepare_directory;
+use antirad_base::npy::{self, Floats};
 use clap::{Args, ValueEnum};
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
@@ -76,22 +77,11 @@ fn light(path: &Path, triangles: usize) -> Result<Vec<[f64; 3]>, Failure> {
     let refuse = |what: String| Failure::Error(format!("{}: {what}", path.display()).into());
     let bytes =
         antirad_base::input::read(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
-    let file =
-        npyz::NpyFile::new(&bytes[..]).map_err(|error| refuse(format!("is no array of NumPy: {error}")))?;
-    let shape = file.shape().to_vec();
+    let Floats { shape, numbers } = npy::read(&bytes).map_err(refuse)?;
     if shape != [triangles as u64, 3] {
         return Err(refuse(format!(
             "has the shape {shape:?}; the scene has {triangles} triangles, so [{triangles}, 3] is expected: render the same scene"
         )));
     }
-    let numbers: Vec<f64> = match file.dtype().descr().as_str() {
-        "'<f8'" => file.into_vec::<f64>().map_err(|error| refuse(error.to_string()))?,
-        _ => file
-            .into_vec::<f32>()
-            .map_err(|error| refuse(error.to_string()))?
-            .into_iter()
-            .map(f64::from)
-            .collect(),
-    };
     Ok(numbers.chunks_exact(3).map(|rgb| [rgb[0], rgb[1], rgb[2]].map(|x| x / PI)).collect())
 }

@@ -7,8 +7,7 @@ use antirad::cli::{
 };
 use antirad::plan::{Plan, PlanOptions};
 use antirad::scene::{
-    BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, Sky, SolverChoice, Transport,
-    VisibilityChoice,
+    BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, Sky, SolverChoice, VisibilityChoice,
 };
 use antirad::target_error::{usual_plan, usual_settings};
 use clap::Args;
@@ -97,13 +96,10 @@ impl MeshSettings {
     /// The scene with the usual settings, and its plan.
     pub fn load_planned(
         &self,
-        transport: Option<Transport>,
         options: impl FnOnce(&Scene) -> PlanOptions,
         interrupt: &Interrupt,
     ) -> Result<(Scene, Plan), Failure> {
-        let mut scene = self.load()?;
-        scene.settings.transport = transport.unwrap_or(scene.settings.transport);
-        planned(scene, options, interrupt)
+        planned(self.load()?, options, interrupt)
     }
 }
 
@@ -124,15 +120,13 @@ pub struct SceneSettings {
     /// Arithmetic: f64 is for validation, and on a Vulkan device needs double precision
     #[arg(long, value_name = "PRECISION", value_parser = word::<Precision>(PRECISIONS))]
     precision: Option<Precision>,
-    /// How light from far triangles is summed up: exact; hierarchical:ERROR, with clusters that may change irradiance by this error,
-    /// relative to its mean; or auto, in meshes of 4000 triangles and more with clusters within .5 % or the target error. Where visibility is
-    /// explicit, with as many rays as that error takes
-    #[arg(long, value_name = "TRANSPORT")]
-    transport: Option<Transport>,
     /// How blockers keep light from what is behind them: by antiradiance (implicit); by rays, which serve where blockers are dense (explicit);
     /// or by whichever the scene needs (auto)
     #[arg(long, value_name = "HOW", value_parser = word::<VisibilityChoice>(VISIBILITIES))]
     visibility: Option<VisibilityChoice>,
+    /// Standard error of the irradiance that rays bring, relative to its mean over the area [default: 0.005]
+    #[arg(long, value_name = "NUMBER")]
+    ray_error: Option<f64>,
     #[command(flatten)]
     pub backend: BackendArguments,
     /// Limit of the backend's memory, e.g. 512MiB [default: what the device has; on the CPU three quarters of the system's]
@@ -150,8 +144,8 @@ impl SceneSettings {
             .max_passes(self.max_passes.unwrap_or(file.max_passes))
             .solver(self.solver.unwrap_or(file.solver))
             .precision(self.precision.unwrap_or(file.precision))
-            .transport(self.transport.unwrap_or(file.transport))
             .visibility(self.visibility.unwrap_or(file.visibility))
+            .ray_error(self.ray_error.unwrap_or(file.ray_error))
             .backend(self.backend.backend.unwrap_or(file.backend));
         if self.tolerance.is_some() && matches!(scene.choice, Choice::Within(_)) {
             scene.choice = Choice::default();

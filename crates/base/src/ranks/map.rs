@@ -10,6 +10,7 @@ impl Ranks {
     ///
     /// # Errors
     /// Fails if another rank has ended, or does not run the same program.
+    #[doc(hidden)]
     pub fn map_init<S, T>(
         &self,
         count: usize,
@@ -24,6 +25,7 @@ impl Ranks {
     }
 
     /// Those of the numbers below `count` that this rank computes, ascending.
+    #[doc(hidden)]
     pub fn own(&self, count: usize) -> Vec<usize> {
         (0..count).filter(|&number| self.computes(number) == self.rank()).collect()
     }
@@ -32,6 +34,7 @@ impl Ranks {
     ///
     /// # Errors
     /// Fails if another rank has ended, or does not run the same program.
+    #[doc(hidden)]
     pub fn merged<T>(&self, count: usize, own: Vec<T>) -> Result<Vec<T>, RankError>
     where
         T: Serialize + DeserializeOwned,
@@ -59,6 +62,7 @@ impl Ranks {
     ///
     /// # Errors
     /// Fails if another rank has ended, or does not run the same program.
+    #[doc(hidden)]
     pub fn map<T>(&self, count: usize, of: impl Fn(usize) -> T + Send + Sync) -> Result<Vec<T>, RankError>
     where
         T: Serialize + DeserializeOwned + Send,
@@ -70,6 +74,7 @@ impl Ranks {
     ///
     /// # Errors
     /// Fails if `compute` does on rank 0, or if another rank has ended or does not run the same program.
+    #[doc(hidden)]
     pub fn by_first<T, E>(&self, compute: impl FnOnce() -> Result<T, E>) -> Result<T, E>
     where
         T: Serialize + DeserializeOwned,

@@ -110,6 +110,7 @@ impl Ranks {
     ///
     /// # Errors
     /// Fails if another rank has ended, or does not call it with as many bytes.
+    #[doc(hidden)]
     pub fn broadcast(&self, root: usize, bytes: &mut [u8]) -> Result<(), RankError> {
         let Some(Several { communicator, sent, received }) = self.0.as_deref() else { return Ok(()) };
         if communicator.count() > 1 {
@@ -123,6 +124,7 @@ impl Ranks {
     ///
     /// # Errors
     /// Fails if another rank has ended, or does not call it with as many values.
+    #[doc(hidden)]
     pub fn agree(&self, values: &mut [f64]) -> Result<(), RankError> {
         self.broadcast(0, bytemuck::cast_slice_mut(values))
     }
@@ -131,6 +133,7 @@ impl Ranks {
     ///
     /// # Errors
     /// Fails if another rank has ended, or does not call it.
+    #[doc(hidden)]
     pub fn each<const N: usize>(&self, own: [u64; N]) -> Result<Vec<[u64; N]>, RankError> {
         let of = |root| {
             let mut values = own;
@@ -141,6 +144,7 @@ impl Ranks {
     }
 
     /// Bytes that this rank has sent, however many receive them, and received.
+    #[doc(hidden)]
     pub fn moved(&self) -> [u64; 2] {
         let read = |of: &AtomicU64| of.load(Ordering::Relaxed);
         self.0.as_ref().map_or([0; 2], |several| [read(&several.sent), read(&several.received)])

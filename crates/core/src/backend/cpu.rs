@@ -69,26 +69,31 @@ impl Cpu {
 
     /// Returns the CPU as that of one of several ranks.
     #[must_use]
+    #[doc(hidden)]
     pub fn with_ranks(self, ranks: Ranks) -> Self {
         Self { ranks, ..self }
     }
 
     /// The processes that this one works with.
+    #[doc(hidden)]
     pub fn ranks(&self) -> &Ranks {
         &self.ranks
     }
 
     /// Model of the CPU, as the system tells.
+    #[doc(hidden)]
     pub fn name(&self) -> &str {
         &self.shared.name
     }
 
     /// The vector instructions that the operators use.
+    #[doc(hidden)]
     pub fn instructions(&self) -> &'static str {
         antirad_gpu::vector_instructions()
     }
 
     /// Memory in use by label, under the budget.
+    #[doc(hidden)]
     pub fn memory(&self) -> MemoryReport {
         let ledger = lock(&self.shared.ledger);
         ledger.report(ledger.in_use)
@@ -101,16 +106,19 @@ impl Cpu {
     }
 
     /// Counts peaks of memory use from now on.
+    #[doc(hidden)]
     pub fn reset_peak_memory(&self) {
         lock(&self.shared.ledger).reset_peak();
     }
 
     /// Time by operator and shape, most expensive first.
+    #[doc(hidden)]
     pub fn profile(&self) -> Vec<ProfileRow> {
         lock(&self.shared.profile).rows()
     }
 
     /// Forgets the profile.
+    #[doc(hidden)]
     pub fn reset_profile(&self) {
         lock(&self.shared.profile).clear();
     }

@@ -49,6 +49,7 @@ impl Backend {
     /// Returns the backend for one of its users: its memory is counted separately, and its transfers use
     /// staging buffers of its own, of `staging` bytes together.
     #[must_use]
+    #[doc(hidden)]
     pub fn scope(&self, staging: u64) -> Self {
         match self {
             Self::Vulkan(device) => Self::Vulkan(device.scope(staging)),
@@ -82,6 +83,7 @@ impl Backend {
     }
 
     /// Driver and its version; for the CPU, the vector instructions in use.
+    #[doc(hidden)]
     pub fn driver(&self) -> &str {
         match self {
             Self::Vulkan(device) => &device.info().driver,
@@ -103,11 +105,13 @@ impl Backend {
     }
 
     /// The Vulkan device, if its kernels are those of a GPU: it takes over what the host does otherwise on all cores.
+    #[doc(hidden)]
     pub fn gpu(&self) -> Option<&Device> {
         self.vulkan().filter(|device| device.kernels_for() != DeviceKind::Cpu)
     }
 
     /// The processes that this one works with.
+    #[doc(hidden)]
     pub fn ranks(&self) -> &Ranks {
         match self {
             Self::Vulkan(device) => device.ranks(),
@@ -144,6 +148,7 @@ impl Backend {
     }
 
     /// Counts peaks of memory use from now on.
+    #[doc(hidden)]
     pub fn reset_peak_memory(&self) {
         match self {
             Self::Vulkan(device) => device.reset_peak_memory(),
@@ -160,6 +165,7 @@ impl Backend {
     }
 
     /// Forgets the profile.
+    #[doc(hidden)]
     pub fn reset_profile(&self) {
         match self {
             Self::Vulkan(device) => device.reset_profile(),

@@ -85,9 +85,7 @@ pub fn suns(scene: &Scene) -> impl Iterator<Item = Lamp> {
 
 /// The emitters of a scene.
 fn surfaces(scene: &Scene, facets: &[Facet], tolerance: f64) -> Vec<Polygon> {
-    let emits = |&i: &u32| {
-        facets[i as usize].area > 0.0 && scene.material(i as usize).emission.iter().any(|&l| l != 0.0)
-    };
+    let emits = |&i: &u32| facets[i as usize].area > 0.0 && scene.material(i as usize).emits();
     let emitters: Vec<u32> = (0..facets.len() as u32).filter(emits).collect();
     let alike = |i: u32, j: u32| scene.triangles[i as usize].material == scene.triangles[j as usize].material;
     let solids = Solid::among(facets, &emitters, tolerance, alike);

@@ -439,7 +439,7 @@ impl DirectLight {
     pub fn standard_error<'a>(&self, facets: &[Facet], material: impl Fn(usize) -> &'a Material) -> f64 {
         let radiance = self.radiance(&material);
         let (mut error, mut light) = (0.0, 0.0);
-        let receives = |(i, _): &(usize, _)| material(*i).emission == [0.0; 3];
+        let receives = |(i, _): &(usize, _)| !material(*i).emits();
         for (i, factors) in self.factors.iter().enumerate().filter(receives) {
             let area = facets[i].area;
             let errors = factors.iter().map(|f| f64::from(f.error) * radiance[f.lamp as usize]);

@@ -3,7 +3,6 @@
 
 use super::facet::Facet;
 use super::order::{BoundedRun, PADDING};
-use antirad_base::parallel;
 use glam::DVec3;
 use std::ops::Range;
 
@@ -50,16 +49,14 @@ pub struct Hierarchy {
     margin: f64,
 }
 
-/// Input of a tree: the triangle of each slot, or [`PADDING`], slots per leaf, and where to cut a range of
-/// leaves.
-struct Source<'a, S> {
+/// Input of a tree: the triangle of each slot, or [`PADDING`], and slots per leaf.
+struct Source<'a> {
     facets: &'a [Facet],
     order: &'a [u32],
     leaf: usize,
-    cut: S,
 }
 
-impl<S> Source<'_, S> {
+impl Source<'_> {
     fn facets(&self, leaves: &Range<usize>) -> impl Iterator<Item = &Facet> + Clone {
         let end = (leaves.end * self.leaf).min(self.order.len());
         let slots = &self.order[leaves.start * self.leaf..end];
@@ -77,14 +74,12 @@ impl<S> Source<'_, S> {
             next: 0,
         }
     }
-}
 
-impl<S: Fn(&Range<usize>) -> usize + Sync> Source<'_, S> {
     fn grow(&self, leaves: Range<usize>, nodes: &mut Vec<Node>) {
         let at = nodes.len();
         nodes.push(self.node(leaves.clone()));
         if leaves.len() > 1 {
-            let middle = (self.cut)(&leaves);
+            let middle = leaves.start.midpoint(leaves.end);
             let both = [leaves.start..middle, middle..leaves.end];
             if leaves.len() > ALONE {
                 self.grow_at_once(both, nodes);
@@ -114,34 +109,11 @@ impl Hierarchy {
     /// A tree whose leaves are ranges of `leaf` slots of an order, cut in the middle. `tolerance`: greatest
     /// height above a plane that counts as in it.
     pub fn new(facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
-        Self::cut_by(facets, order, leaf, tolerance, |leaves| leaves.start.midpoint(leaves.end))
-    }
-
-    /// A tree over runs of `leaf` slots of an order; `cut` says which leaf of a run of two or more begins the
-    /// second branch. `tolerance`: greatest height above a plane that counts as in it.
-    pub fn cut_by(
-        facets: &[Facet],
-        order: &[u32],
-        leaf: usize,
-        tolerance: f64,
-        cut: impl Fn(&Range<usize>) -> usize + Sync,
-    ) -> Self {
         let leaves = order.len().div_ceil(leaf);
         let mut nodes = Vec::with_capacity(2 * leaves);
         if leaves > 0 {
-            Source { facets, order, leaf, cut }.grow(0..leaves, &mut nodes);
+            Source { facets, order, leaf }.grow(0..leaves, &mut nodes);
         }
-        Self::bounded(nodes, tolerance)
-    }
-
-    /// A tree with the same branches, bounded around triangles that have moved.
-    pub fn around_moved(&self, facets: &[Facet], order: &[u32], leaf: usize, tolerance: f64) -> Self {
-        let source = Source { facets, order, leaf, cut: () };
-        let moved = |node: &Node| Node { next: node.next, ..source.node(node.leaves.clone()) };
-        Self::bounded(parallel::map(&self.nodes, moved), tolerance)
-    }
-
-    fn bounded(nodes: Vec<Node>, tolerance: f64) -> Self {
         let farthest = nodes.first().map_or(0.0, |root: &Node| {
             root.bounds.min.abs().max_element().max(root.bounds.max.abs().max_element())
         });
@@ -157,26 +129,9 @@ impl Hierarchy {
         }
     }
 
-    /// Visits nodes, each with its number and what is known of it, depth first, in the order of their leaves, and descends where
-    /// `enter` returns what is then known of the branches.
-    pub fn descend<K: Copy>(&self, known: K, mut enter: impl FnMut(usize, &Node, K) -> Option<K>) {
-        let mut left = if self.nodes.is_empty() { Vec::new() } else { vec![(0, known)] };
-        while let Some((at, known)) = left.pop() {
-            let Some(below) = enter(at, &self.nodes[at], known) else { continue };
-            if let Some([a, b]) = self.branches(at) {
-                left.extend([(b, below), (a, below)]);
-            }
-        }
-    }
-
     /// All nodes by number, each before its branches.
     pub fn nodes(&self) -> &[Node] {
         &self.nodes
-    }
-
-    /// The numbers of the two branches of a node; `None` for a leaf.
-    pub fn branches(&self, at: usize) -> Option<[usize; 2]> {
-        (!self.nodes[at].is_leaf()).then(|| [at + 1, self.nodes[at + 1].next])
     }
 
     /// The leaves that pass a test together with all branches that contain them.
@@ -203,12 +158,6 @@ impl Hierarchy {
     pub fn misses(&self, plane: &Facet, bounds: &BoundedRun, side: f64) -> bool {
         let normal = side * plane.normal;
         -bounds.lowest(-normal) - normal.dot(plane.centroid) <= self.tolerance - self.margin
-    }
-
-    /// An upper bound of ⟨n, direction⟩ over the normals of a branch.
-    pub fn steepest(of: &Node, direction: DVec3) -> f64 {
-        let [low, high] = of.planes.normals;
-        (low * direction).max(high * direction).element_sum().min(1.0)
     }
 
     /// Which boxes extend above (`side` = 1) or below (`side` = -1) the planes of a branch. `one`: whether `bounds`

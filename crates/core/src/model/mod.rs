@@ -4,7 +4,6 @@
 mod bins;
 mod class;
 mod close_pair;
-mod clusters;
 mod facet;
 mod facet_gradient;
 mod frame_gradient;
@@ -21,10 +20,6 @@ pub use bins::{Bins, Taps};
 pub use class::{Class, classify};
 pub use class::{coplanar_tolerance, reaches};
 pub use close_pair::{ClosePair, Piece};
-pub use clusters::{
-    ClusterInput, ClusterRun, Clusters, ENTRY_BITS, LIST, MOVED, Parts, ReceiverLists, SOURCES, SourceLists,
-    Spread, VolumeParts, Volumes, share,
-};
 pub use facet::{Facet, orthonormal_basis, rays_among};
 pub use facet::{centroid, quarters};
 pub use facet_gradient::FacetGradient;

@@ -1,7 +1,6 @@
 //! Spatial order: neighbours of similar orientation are adjacent, so that groups of them have small boxes and narrow
 //! normal cones, and few span two objects.
 
-use super::clusters::LIST;
 use super::facet::Facet;
 use super::objects::objects;
 use antirad_scene::bounds;
@@ -39,8 +38,8 @@ impl BoundedRun {
     }
 }
 
-/// Fewest triangles of an object whose triangles are kept together: two lists of receivers, so that most lists are of one object.
-const LEAST: u32 = 2 * LIST;
+/// Fewest triangles of an object whose triangles are kept together: a tile, so that most tiles are of one object.
+const LEAST: u32 = 64;
 
 /// Indices of the facets with an area, sorted by object, then by the cube face their normal points to, then along a Morton curve, as
 /// objects are. Small objects count as one.

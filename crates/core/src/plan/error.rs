@@ -12,6 +12,7 @@ pub enum PlanError {
     Scene(#[from] SceneError),
     /// The number of triangles per tile is not supported.
     #[error("tiles of {0} triangles: kernels support 32 or 64")]
+    #[doc(hidden)]
     Tile(u32),
     #[error(
         "a tolerance of {wanted:e} is below the rounding of precision \"{precision}\": choose {least:e} or more, or \
@@ -53,6 +54,7 @@ pub enum PlanError {
          fewer triangles, or a smaller near field (settings.near_field)"
     )]
     /// A buffer exceeds the size that kernels can bind.
+    #[doc(hidden)]
     BufferTooLarge {
         /// Label of the buffer.
         label: String,
@@ -71,6 +73,7 @@ pub enum PlanError {
     },
     /// Not every process has a share of the work.
     #[error("{weights:?} for {ranks} processes: each needs one above 0, or none has one (RankWeights::EVEN)")]
+    #[doc(hidden)]
     Weights {
         /// The weights given.
         weights: RankWeights,
@@ -82,6 +85,7 @@ pub enum PlanError {
         "{count} {what} exceed 32-bit indices: use fewer triangles, or a smaller near field \
          (settings.near_field)"
     )]
+    #[doc(hidden)]
     TooManyPairs {
         /// What is counted.
         what: &'static str,

@@ -55,26 +55,31 @@ impl GradientRequest {
     };
 
     /// Whether any kind is requested.
+    #[doc(hidden)]
     pub fn any(self) -> bool {
         self != Self::NOTHING
     }
 
     /// Whether a kind is requested that differentiates the geometry.
+    #[doc(hidden)]
     pub fn geometry(self) -> bool {
         self.positions || self.camera
     }
 
     /// Whether a kind is requested that changes the light of triangles, as cameras do not.
+    #[doc(hidden)]
     pub fn light(self) -> bool {
         self.camera(false).any()
     }
 
     /// Whether a kind of specular lobes is requested.
+    #[doc(hidden)]
     pub fn lobes(self) -> bool {
         self.specular || self.power
     }
 
     /// The names of the kinds requested here but not in `planned`.
+    #[doc(hidden)]
     pub fn beyond(self, planned: Self) -> Vec<&'static str> {
         let kinds = [
             ("emission", self.emission, planned.emission),

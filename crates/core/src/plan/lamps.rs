@@ -5,7 +5,7 @@ use super::visibility::is_explicit_among;
 use super::{Placement, Plan, PlanError, PlanOptions};
 use crate::direct::{DirectLight, FEW_LAMPS, Lamp, Visibility, lamps, suns};
 use crate::model::{Bins, Facet, coplanar_tolerance};
-use antirad_scene::{Lamps, Scene, SolveSettings, Transport};
+use antirad_scene::{Lamps, Scene, SolveSettings};
 use std::sync::Arc;
 
 /// Blockers and edges looked at up to which it is, per pair of triangles and in addition: up to three times as long as a solve on a
@@ -14,9 +14,6 @@ const TESTS_PER_PAIR: f64 = 16.0;
 const FEW_TESTS: f64 = 2e7;
 /// As many partners of a triangle take as long as the rays of explicit visibility.
 const BY_RAYS: usize = 500;
-/// Pairs of a triangle with clusters, about, and the error of these from which on rays are accurate enough.
-const CLUSTERS: usize = 4000;
-const COARSE: f64 = 0.002;
 /// Lamps up to which direct light comes by rays unless stated, and numbers to hold: of each triangle and lamp, for glossy ones of each bin.
 const MOST_SAMPLED: usize = 20_000;
 const MOST_HELD: usize = 100_000_000;
@@ -64,13 +61,8 @@ pub(super) fn choose(
         lamps.len() <= FEW_LAMPS
             && DirectLight::takes_at_most(facets, lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
     };
-    let clustered = matches!(settings.transport, Transport::Hierarchical { error } if error >= COARSE);
     let all = facets.len();
-    let summed = match (explicit, clustered) {
-        (true, _) => all.min(BY_RAYS),
-        (false, true) => all.min(CLUSTERS),
-        (false, false) => all,
-    };
+    let summed = if explicit { all.min(BY_RAYS) } else { all };
     let moves = gradients.positions || gradients.camera;
     let by_rays = |lamps: &[Lamp]| match lamps.len() > FEW_LAMPS {
         true => Visibility::Distributed,
@@ -103,7 +95,7 @@ pub(super) fn choose(
         if affordable(lamps, summed) {
             return Some(Visibility::Exact);
         }
-        // With derivatives rather exactly than through bins, even where clusters make the solve fast.
+        // With derivatives rather exactly than through bins, even where rays make the solve fast.
         let slowly = || (summed < all && affordable(lamps, all)).then_some(Visibility::Exact);
         sampled.or_else(slowly)
     };
@@ -144,6 +136,7 @@ pub fn has_direct_lamps(scene: &Scene) -> bool {
 
 impl Plan {
     /// Whether kernels trace the rays that lamps are sampled with.
+    #[doc(hidden)]
     pub fn traces_lamps(&self) -> bool {
         let surfaces = self.lamps.iter().all(|lamp| lamp.sun().is_none());
         let sampled = self.visibility == Visibility::Sampled && !self.lamps.is_empty();
@@ -240,15 +233,12 @@ mod tests {
     fn rays_are_taken_where_outlines_are_many() {
         let scene = leaves(6000);
         let facets = Placement::of(&scene).facets(&scene);
-        let chosen = |transport: Transport, gradients: GradientRequest| {
-            let settings = scene.settings.transport(transport);
+        let chosen = |explicit: bool, gradients: GradientRequest| {
             let options = PlanOptions::default().gradients(gradients);
-            choose(&scene, &facets, &settings, &options, false).expect("a choice").visibility
+            choose(&scene, &facets, &scene.settings, &options, explicit).expect("a choice").visibility
         };
-        let none = GradientRequest::default();
-        assert_eq!(chosen(Transport::Hierarchical { error: 0.003 }, none), Visibility::Sampled);
-        let positions = GradientRequest::default().positions(true);
-        assert_eq!(chosen(Transport::Hierarchical { error: 0.003 }, positions), Visibility::Exact);
+        assert_eq!(chosen(true, GradientRequest::default()), Visibility::Sampled);
+        assert_eq!(chosen(false, GradientRequest::default().positions(true)), Visibility::Exact);
     }
 
     #[test]
@@ -256,23 +246,20 @@ mod tests {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/statue.toml");
         let scene = Scene::load(std::path::Path::new(file), &LoadOptions::default()).expect("a statue");
         let facets = Placement::of(&scene).facets(&scene);
-        for transport in [Transport::Auto, Transport::Hierarchical { error: 0.003 }] {
-            let settings = scene.settings.transport(transport);
-            let options = PlanOptions::default();
-            let chosen = choose(&scene, &facets, &settings, &options, false).expect("a choice");
-            assert_eq!((chosen.visibility, chosen.lamps.len()), (Visibility::Exact, 1), "{transport}");
-            // Kernels trace rays, unless what is wanted or stated needs exact shadows.
-            let traced = options.trace_lamps(true);
-            let moved = traced.gradients(GradientRequest::default().positions(true));
-            let stated = settings.lamps(Lamps::Exact);
-            for (settings, options, expected) in [
-                (&settings, traced, Visibility::Sampled),
-                (&settings, moved, Visibility::Exact),
-                (&stated, traced, Visibility::Exact),
-            ] {
-                let chosen = choose(&scene, &facets, settings, &options, false).expect("a choice");
-                assert_eq!(chosen.visibility, expected, "{transport}");
-            }
+        let options = PlanOptions::default();
+        let chosen = choose(&scene, &facets, &scene.settings, &options, false).expect("a choice");
+        assert_eq!((chosen.visibility, chosen.lamps.len()), (Visibility::Exact, 1));
+        // Kernels trace rays, unless what is wanted or stated needs exact shadows.
+        let traced = options.trace_lamps(true);
+        let moved = traced.gradients(GradientRequest::default().positions(true));
+        let stated = scene.settings.lamps(Lamps::Exact);
+        for (settings, options, expected) in [
+            (&scene.settings, traced, Visibility::Sampled),
+            (&scene.settings, moved, Visibility::Exact),
+            (&stated, traced, Visibility::Exact),
+        ] {
+            let chosen = choose(&scene, &facets, settings, &options, false).expect("a choice");
+            assert_eq!(chosen.visibility, expected);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::near_matrix::NearMatrixBytes;
 use super::{NearMatrix, PairLists, Plan, PlanError, Residency};
-use crate::model::{Bins, Clusters};
+use crate::model::Bins;
 use antirad_scene::{BackendKind, Precision};
 
 /// Every buffer's size is rounded up to a multiple of this.
@@ -14,8 +14,6 @@ const SURFACE: u64 = 12;
 pub(super) const RGB: u64 = 4;
 /// Reals of a gradient (crates/core/glsl/facet_gradient.glsl).
 const FACET_GRADIENT: u64 = 16;
-/// Bytes of the list of parts of one cluster (crates/core/glsl/gather.comp).
-const CLUSTER_PARTS: u64 = 8;
 /// Lanes of the kernel that sums vectors: enough for any device, few enough for the host to add up.
 pub const PARTIAL_SUMS: u64 = 4096;
 /// Two slices of partial sums, and the coefficients of a step of GMRES with the norm of what they leave.
@@ -97,15 +95,12 @@ impl MemoryPlan {
         let real = plan.settings.precision.bytes();
         let slots = u64::from(plan.layout.slots());
         let mut memory = Self::default();
-        let seen = u64::from(plan.sources() + plan.volumes()) + u64::from(plan.partner_padding());
-        memory.add("facets", seen * FACET * real, 1);
+        let padded = slots + u64::from(plan.partner_padding());
+        memory.add("facets", padded * FACET * real, 1);
         memory.add("corners", slots * CORNERS * real, 1);
         memory.add("surfaces", slots * SURFACE * real, 1);
         memory.add("radiance", plan.radiance_bytes(), 1);
         memory.add("bin table", plan.bins.count() as u64 * RGB * real, 1);
-        if let Some(clusters) = plan.clusters() {
-            memory.add_clusters(plan, clusters);
-        }
         memory.add_states(plan, rank);
         for (_, group) in plan.glossy_groups().filter(|_| plan.has_first_bounce()) {
             memory.add("first bounce", plan.page_bytes(group), 1);
@@ -118,9 +113,6 @@ impl MemoryPlan {
             memory.add("near matrix: rows", rows, 1);
             memory.add("near matrix: columns", columns, 1);
             memory.add("near matrix: weights", weights, 1);
-        }
-        if let Some(bytes) = plan.kept_far_bytes() {
-            memory.add("far pairs", bytes, 1);
         }
         if plan.options.backend == BackendKind::Vulkan {
             memory.add_for_kernels(plan, slots);
@@ -140,21 +132,12 @@ impl MemoryPlan {
         let real = plan.settings.precision.bytes();
         let bytes = |words: &[u32]| size_of_val(words) as u64;
         let PairLists { far, near } = &plan.interactions.by_receiver;
-        match plan.clusters() {
-            None => self.add("far runs", bytes(far.words()), 1),
-            Some(clusters) => self.add("cluster sources", bytes(clusters.sources().words()), 1),
-        }
+        self.add("far runs", bytes(far.words()), 1);
         self.add("near offsets", bytes(&near.offsets), 1);
         self.add("near sources", bytes(&near.partners), 1);
         self.add("near targets", slots * 4, 1);
         if let Some(PairLists { far, near }) = &plan.interactions.by_source {
-            match plan.clusters() {
-                None => self.add("far runs, by source", bytes(far.words()), 1),
-                Some(clusters) => {
-                    let lists = clusters.receivers().map_or(0, |lists| bytes(lists.words()));
-                    self.add("cluster receivers", lists, 1);
-                }
-            }
+            self.add("far runs, by source", bytes(far.words()), 1);
             self.add("near offsets, by source", bytes(&near.offsets), 1);
             self.add("near receivers", bytes(&near.partners), 1);
             let padded = slots + u64::from(plan.partner_padding());
@@ -164,34 +147,12 @@ impl MemoryPlan {
         if glossy > 0 {
             self.add("lobe slots", glossy as u64 * 4, 1);
         }
-        if let Some(clusters) = plan.clusters() {
-            self.add("cluster parts", u64::from(clusters.count()) * CLUSTER_PARTS, 1);
-            if let Some(volumes) = clusters.volumes() {
-                self.add("volume parts", volumes.parts().len() as u64 * CLUSTER_PARTS, 1);
-                self.add("volume slots", size_of_val(volumes.slots()) as u64, 1);
-            }
-        }
         self.add("face colours", slots * plan.rgb_bytes(), 1);
         self.add("partial sums", ALL_SUMS * real, 1);
         self.add("no bins", real, 1);
         // Two buffers, no larger than others.
         let most = (plan.options.max_buffer / ROUNDING * ROUNDING).saturating_mul(2);
         self.add(STAGING, plan.staging.min(most), 1);
-    }
-
-    fn add_clusters(&mut self, plan: &Plan, clusters: &Clusters) {
-        self.add_if_any("cluster antiradiance", plan.cluster_page_bytes(|class| class.blocker));
-        self.add_if_any("cluster specular", plan.cluster_page_bytes(|class| class.glossy));
-        if let Some(volumes) = clusters.volumes() {
-            let count = volumes.parts().len() as u64;
-            self.add("volume bins", count * plan.bin_bytes(), 2);
-        }
-    }
-
-    fn add_cluster_cotangents(&mut self, plan: &Plan, clusters: &Clusters) {
-        self.add("cotangent: clusters", 4 * u64::from(clusters.count()) * plan.rgb_bytes(), 1);
-        self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(|class| class.blocker));
-        self.add_if_any("cotangent: cluster bins", plan.cluster_page_bytes(|class| class.glossy));
     }
 
     /// Vectors of the solver, the windows on them, and the specular radiance.
@@ -204,7 +165,7 @@ impl MemoryPlan {
                 pages.for_each(|bytes| self.add("state: bins", bytes, plan.vectors()));
                 let largest = plan.largest_group(|group| group.class.has_bins());
                 if !plan.states_are_whole() && largest > 0 {
-                    self.add("state: bins", bins(largest), 1 + u32::from(plan.shows_two()));
+                    self.add("state: bins", bins(largest), 1);
                 }
             }
             Residency::Host { receivers, sources } => {
@@ -260,11 +221,8 @@ impl MemoryPlan {
             let pages = plan.held_pages(rank, |group| group.class.glossy);
             pages.for_each(|bytes| self.add("cotangent: specular", bytes, count));
         }
-        if let Some(clusters) = plan.clusters() {
-            self.add_cluster_cotangents(plan, clusters);
-        }
         if request.geometry() {
-            self.add("facet gradients", u64::from(plan.sources()) * FACET_GRADIENT * real, 1);
+            self.add("facet gradients", slots * FACET_GRADIENT * real, 1);
         }
         if request.lobes() && plan.classes.iter().any(|class| class.glossy) {
             self.add("lobe sums", 2 * rgb, 1);

@@ -1,9 +1,7 @@
 //! Planning, before any device is used: the class and order of triangles, the tiles that exchange light, and the
 //! memory and pairs that a solve takes. Pure host code.
 
-mod choice;
 mod error;
-mod far_field;
 mod gradient_request;
 mod interactions;
 mod lamps;
@@ -19,7 +17,6 @@ mod visibility;
 mod weights;
 
 pub use crate::model::PADDING;
-pub use choice::ClusterChoice;
 pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
@@ -41,7 +38,7 @@ pub use visibility::is_explicit;
 pub use weights::RankWeights;
 
 use crate::direct::{Lamp, Openness, Visibility};
-use crate::model::{Bins, Class, Clusters, Facet, classify, spatial_order};
+use crate::model::{Bins, Class, Facet, classify, spatial_order};
 use antirad_base::setters;
 use antirad_scene::{
     BackendKind, Precision, Scene, SolveSettings, SolverChoice, Sun, VisibilityChoice, bounds,
@@ -60,56 +57,75 @@ pub struct PlanOptions {
     /// Bytes that all buffers together may take.
     pub memory_budget: u64,
     /// Largest buffer that a kernel can bind, bytes.
+    #[doc(hidden)]
     pub max_buffer: u64,
     /// Bytes of staging buffers for transfers; the plan uses fewer where memory is short.
+    #[doc(hidden)]
     pub staging: u64,
     /// Bytes of the budget to reserve for pictures.
+    #[doc(hidden)]
     pub pictures: u64,
     /// Triangles per tile: 32 or 64.
+    #[doc(hidden)]
     pub tile: u32,
     /// Largest page of state, bytes; at most `max_buffer`.
+    #[doc(hidden)]
     pub page: u64,
     /// Whether to omit pairs of tiles that cannot exchange light.
+    #[doc(hidden)]
     pub cull: bool,
     /// Which triangles block light.
     pub occlusion: Occlusion,
     /// Kinds of derivatives to plan for.
     pub gradients: GradientRequest,
     /// Whether to keep the near field as a matrix where the memory suffices: it takes as long as one pass, and saves
-    /// most of the near field of all others. The CPU then keeps what passes between far triangles, too, if that takes a small part of the
-    /// budget.
+    /// most of the near field of all others.
+    #[doc(hidden)]
     pub keep_near_field: bool,
     /// Whether kernels evaluate the near field in a hundredth of that time, so that it is kept for derivatives alone: those are asked for
     /// many times of one plan.
+    #[doc(hidden)]
     pub fast_near_field: bool,
     /// The backend that executes the plan.
     pub backend: BackendKind,
     /// Whether its kernels trace rays to lamps: direct light then comes by rays, unless stated otherwise or differentiated by positions.
+    #[doc(hidden)]
     pub trace_lamps: bool,
     /// Number of this process among those that solve the scene together, from 0.
     pub rank: u32,
     /// How many processes solve the scene together: each computes its share of every pass.
     pub ranks: u32,
     /// How much of the work each of them does.
+    #[doc(hidden)]
     pub weights: RankWeights,
 }
 
 setters!(PlanOptions {
     memory_budget: u64,
+    #[doc(hidden)]
     max_buffer: u64,
+    #[doc(hidden)]
     staging: u64,
+    #[doc(hidden)]
     pictures: u64,
+    #[doc(hidden)]
     tile: u32,
+    #[doc(hidden)]
     page: u64,
+    #[doc(hidden)]
     cull: bool,
     occlusion: Occlusion,
     gradients: GradientRequest,
+    #[doc(hidden)]
     keep_near_field: bool,
+    #[doc(hidden)]
     fast_near_field: bool,
     backend: BackendKind,
+    #[doc(hidden)]
     trace_lamps: bool,
     rank: u32,
     ranks: u32,
+    #[doc(hidden)]
     weights: RankWeights,
 });
 
@@ -127,6 +143,7 @@ pub enum Occlusion {
 
 impl PlanOptions {
     /// Without limits of memory: for plans that are inspected and never run.
+    #[doc(hidden)]
     pub fn boundless(self) -> Self {
         Self { memory_budget: u64::MAX, max_buffer: u64::MAX, keep_near_field: false, ..self }
     }
@@ -139,6 +156,7 @@ impl PlanOptions {
     }
 
     /// The options of lavapipe, the Vulkan driver for CPUs: a heap of 2 GiB, 128 MiB per storage buffer.
+    #[doc(hidden)]
     pub fn lavapipe() -> Self {
         Self {
             memory_budget: 2 << 30,
@@ -264,9 +282,6 @@ impl PlannedSolver {
 
 /// The longest Krylov basis worth its memory: rooms need 10 to 14 passes for 1e-4.
 pub(crate) const LONGEST_RESTART: u32 = 16;
-/// Length of the Krylov basis for each digit of the tolerance where clusters stand for triangles: a pass
-/// takes little time there, and the basis is most of the memory.
-const RESTART_PER_DIGIT: f64 = 2.6;
 /// The shortest one that is still faster than the fixed point.
 const SHORTEST_RESTART: u32 = 4;
 
@@ -307,13 +322,10 @@ pub struct Plan {
     pub(crate) layout: TileLayout,
     pub(crate) interactions: Interactions,
     pub(crate) transport: PlannedTransport,
-    choice: Option<Arc<ClusterChoice>>,
     pub(crate) lobes: PlannedLobes,
     pub(crate) solver: PlannedSolver,
     pub(crate) residency: Residency,
     pub(crate) near_field: NearField,
-    /// Whether far pairs are kept from pass to pass.
-    keeps_far: bool,
     /// How open the parts of triangles lie, where visibility is explicit: it weights what they receive.
     pub(crate) openness: Arc<Openness>,
     pub(crate) shares: Shares,
@@ -330,23 +342,7 @@ impl Plan {
     /// Fails if the scene, the settings or the options are invalid, or if the plan fits neither the memory
     /// budget nor 32-bit indices.
     pub fn new(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
-        Self::following(scene, options, settings, None)
-    }
-
-    /// Plans a solve of a scene with the clusters of an earlier plan ([`Self::choice`]), as long as they
-    /// serve.
-    ///
-    /// # Errors
-    /// Fails if the scene, the settings or the options are invalid, or if the plan fits neither the memory
-    /// budget nor 32-bit indices.
-    #[doc(hidden)]
-    pub fn following(
-        scene: &Scene,
-        options: &PlanOptions,
-        settings: &SolveSettings,
-        before: Option<&Arc<ClusterChoice>>,
-    ) -> Result<Self, PlanError> {
-        let plan = Self::as_stated(scene, options, settings, before);
+        let plan = Self::as_stated(scene, options, settings);
         let automatic = settings.visibility == VisibilityChoice::Auto;
         match plan {
             // What rays find may not fit where antiradiance and exact shadows do.
@@ -355,18 +351,13 @@ impl Plan {
             {
                 let implicit = settings.visibility(VisibilityChoice::Implicit);
                 let settings = if automatic { &implicit } else { settings };
-                Self::as_stated(scene, &options.trace_lamps(false), settings, before)
+                Self::as_stated(scene, &options.trace_lamps(false), settings)
             }
             plan => plan,
         }
     }
 
-    fn as_stated(
-        scene: &Scene,
-        options: &PlanOptions,
-        settings: &SolveSettings,
-        before: Option<&Arc<ClusterChoice>>,
-    ) -> Result<Self, PlanError> {
+    fn as_stated(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
         scene.validate()?;
         settings.check()?;
         if !TILES.contains(&options.tile) {
@@ -387,7 +378,7 @@ impl Plan {
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
         let transport = match visibility::why_explicit(&facets, settings, options)? {
-            Some(why) => PlannedTransport::Rays { rays: transport::rays_for(settings.transport), why },
+            Some(why) => PlannedTransport::Rays { rays: transport::rays_for(settings.ray_error), why },
             None => PlannedTransport::default(),
         };
         let explicit = transport.is_explicit();
@@ -409,19 +400,7 @@ impl Plan {
         // A loss may have colour in a scene without.
         let channels = if is_grey(scene) && !options.gradients.any() { 1 } else { 3 };
 
-        let anew = ClusterChoice::of(scene, (placement, &facets), &classes, &lamps, (options, settings));
-        let anew = anew.filter(|_| !explicit);
-        let kept = before.zip(anew.as_ref()).filter(|(before, anew)| before.serves(anew));
-        let (choice, order) = match kept {
-            Some((before, _)) => {
-                classes.clone_from(&before.classes);
-                (Some(before.clone()), before.order.clone())
-            }
-            None => {
-                let order = spatial_order(&facets);
-                (anew.map(|anew| Arc::new(ClusterChoice { order: order.clone(), ..anew })), order)
-            }
-        };
+        let order = spatial_order(&facets);
         if order.is_empty() {
             return Err(PlanError::NothingToSolve);
         }
@@ -443,12 +422,10 @@ impl Plan {
             layout,
             interactions: Interactions::default(),
             transport,
-            choice: None,
             lobes,
             solver: PlannedSolver::FixedPoint,
             residency: Residency::Device,
             near_field: NearField::default(),
-            keeps_far: false,
             openness: Arc::default(),
             shares: Shares::default(),
             staging: options.staging,
@@ -456,29 +433,38 @@ impl Plan {
             reflectance: Reflectance::of(scene),
         };
         plan.lobes.matrices = plan.affordable_lobes();
-        plan.choose_transport(choice.as_ref())?;
+        plan.choose_pairs()?;
+        plan.choose_solver()?;
         if plan.residency != Residency::Device {
             // Windows have cut groups anew.
             plan.shares = Shares::of(&plan);
         }
         plan.choose_near_field(scene)?;
-        plan.choose_far_field();
         Ok(plan)
+    }
+
+    /// Finds the pairs that exchange light: none where it goes by rays.
+    fn choose_pairs(&mut self) -> Result<(), PlanError> {
+        self.cut_for_ranks();
+        let by_source = self.options.gradients.any();
+        let Self { layout, facets, classes, settings, options, .. } = &*self;
+        let half_range = 0.5 * settings.near_field;
+        self.interactions = match self.transport {
+            PlannedTransport::Rays { .. } => Interactions::none(layout, by_source)?,
+            PlannedTransport::AllPairs => {
+                Interactions::new(layout, facets, classes, half_range, options.cull, by_source)?
+            }
+        };
+        Ok(())
     }
 
     /// Chooses the longest basis that fits the budget, or the fixed point; if neither fits, states on the host, or an
     /// error with the number of bytes required.
     fn choose_solver(&mut self) -> Result<(), PlanError> {
         let wanted: Vec<PlannedSolver> = {
-            let longest = match self.clusters() {
-                None => LONGEST_RESTART,
-                Some(_) => {
-                    let wanted = (-RESTART_PER_DIGIT * self.settings.tolerance.log10()).ceil();
-                    (wanted as u32).clamp(SHORTEST_RESTART, LONGEST_RESTART)
-                }
+            let bases = |shortest: u32| {
+                (shortest..=LONGEST_RESTART).rev().map(|restart| PlannedSolver::Gmres { restart })
             };
-            let bases =
-                |shortest: u32| (shortest..=longest).rev().map(|restart| PlannedSolver::Gmres { restart });
             match self.settings.solver {
                 SolverChoice::FixedPoint => vec![PlannedSolver::FixedPoint],
                 SolverChoice::Gmres => bases(1).collect(),
@@ -532,39 +518,10 @@ impl Plan {
         &self.interactions
     }
 
-    /// The clusters that stand for far triangles, if any.
-    #[doc(hidden)]
-    pub fn clusters(&self) -> Option<&Clusters> {
-        self.interactions.clusters.as_ref()
-    }
-
-    /// The choice of clusters, with the triangles and the light that they are chosen for; `None` without
-    /// clusters.
-    #[doc(hidden)]
-    pub fn choice(&self) -> Option<&Arc<ClusterChoice>> {
-        self.choice.as_ref()
-    }
-
-    /// Whether clusters would still be chosen alike for the light of a scene with the same triangles.
-    #[doc(hidden)]
-    pub fn is_lit_by(&self, scene: &Scene) -> bool {
-        self.choice.as_ref().is_none_or(|choice| choice.is_lit_by(scene, &self.facets, &self.lamps))
-    }
-
-    /// Whether clusters stand for far triangles, and why not.
+    /// Whether light passes between all pairs, or by rays.
     #[doc(hidden)]
     pub fn transport(&self) -> PlannedTransport {
         self.transport
-    }
-
-    /// Number of slots and clusters.
-    pub(crate) fn sources(&self) -> u32 {
-        self.layout.slots() + self.clusters().map_or(0, Clusters::count)
-    }
-
-    /// Number of volume clusters.
-    pub(crate) fn volumes(&self) -> u32 {
-        self.clusters().and_then(Clusters::volumes).map_or(0, |volumes| volumes.parts().len() as u32)
     }
 
     /// The options that the plan was made with.
@@ -578,6 +535,7 @@ impl Plan {
     }
 
     /// The direction bins of triangles that have some.
+    #[doc(hidden)]
     pub fn bins(&self) -> &Bins {
         &self.bins
     }
@@ -589,6 +547,7 @@ impl Plan {
     }
 
     /// Triangles in the engine's coordinates; index = triangle of the scene.
+    #[doc(hidden)]
     pub fn facets(&self) -> &[Facet] {
         &self.facets
     }
@@ -637,6 +596,7 @@ impl Plan {
     }
 
     /// The solver chosen for the budget.
+    #[doc(hidden)]
     pub fn solver(&self) -> PlannedSolver {
         self.solver
     }
@@ -673,6 +633,7 @@ impl Plan {
 
     /// Number of states: those of the solver and, if gradients are planned, the solution, which is held during the
     /// adjoint solve.
+    #[doc(hidden)]
     pub fn vectors(&self) -> u32 {
         self.solver.vectors() + u32::from(self.options.gradients.any())
     }
@@ -731,10 +692,9 @@ impl Plan {
         memory::RGB * self.settings.precision.bytes()
     }
 
-    /// Bytes of the diffuse radiance of all sources, of the first moments of clusters, and of what dispatches bind past the last.
+    /// Bytes of the diffuse radiance of all slots, and of what dispatches bind past the last.
     pub(crate) fn radiance_bytes(&self) -> u64 {
-        let moments = 3 * self.clusters().map_or(0, Clusters::count);
-        u64::from(self.sources() + moments + self.partner_padding()) * self.rgb_bytes()
+        u64::from(self.layout.slots() + self.partner_padding()) * self.rgb_bytes()
     }
 
     /// Whether glossy triangles reflect the light of lamps that does not take part in U.

@@ -2,18 +2,14 @@
 
 use super::transport::rays_for;
 use super::{LampsReport, MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
-use crate::model::{Class, Clusters, LIST, Volumes};
 use antirad_scene::BackendKind;
 use std::fmt;
-use std::ops::Range;
 
 /// What a device does per second, for estimates of time.
 struct Rates {
     /// Pairs of triangles.
     irradiance: f64,
     bins: f64,
-    /// The same where what passes is kept.
-    kept: f64,
     near: f64,
     /// Weights of a kept near field.
     weights: f64,
@@ -28,7 +24,6 @@ struct Rates {
 const CPU: Rates = Rates {
     irradiance: 1e9,
     bins: 150e6,
-    kept: 350e6,
     near: 2.5e6,
     weights: 2e8,
     lobes: 3e9,
@@ -43,7 +38,6 @@ const RAYS: f64 = 2.5e6;
 const LAVAPIPE: Rates = Rates {
     irradiance: 1.5e8,
     bins: 1.5e7,
-    kept: 1.5e7,
     near: 2e5,
     weights: 1.5e7,
     lobes: 3e8,
@@ -55,7 +49,6 @@ const LAVAPIPE: Rates = Rates {
 const GPU: Rates = Rates {
     irradiance: 2e10,
     bins: 5e9,
-    kept: 5e9,
     near: 2e7,
     weights: 5e9,
     lobes: 3e10,
@@ -85,7 +78,7 @@ pub struct ClassReport {
 pub struct PairReport {
     /// All pairs.
     pub total: u64,
-    /// Culled with their tiles, exactly; with clusters, also those that a cluster stands for.
+    /// Culled with their tiles, exactly.
     pub culled: u64,
     /// Irradiance alone, point to point.
     pub irradiance: u64,
@@ -93,8 +86,6 @@ pub struct PairReport {
     pub bins: u64,
     /// Close pairs, integrated piecewise.
     pub sub_sampled: u64,
-    /// Pairs among `irradiance` and `bins` with a cluster as source.
-    pub clusters: u64,
 }
 
 /// How the lobes of glossy triangles are computed.
@@ -125,60 +116,83 @@ pub struct StatesReport {
     pub bytes_moved_per_pass: u64,
 }
 
-/// Summary of a plan, as text and JSON.
+/// Summary of a plan, as text and JSON; the keys of the JSON are what `antirad plan --json` prints.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PlanReport {
     /// The backend that executes it.
+    #[doc(hidden)]
     pub backend: BackendKind,
     /// Number of triangles with an area.
+    #[doc(hidden)]
     pub triangles: usize,
     /// Number of triangles without area, which are omitted.
+    #[doc(hidden)]
     pub degenerate: usize,
     /// 3, or 1 for a scene without colour.
     pub(crate) channels: u32,
     /// The layout of directions ("8x16"), or "none" where nothing has bins.
+    #[doc(hidden)]
     pub bins: String,
     /// The solver, with the length of its basis.
+    #[doc(hidden)]
     pub solver: String,
-    /// Clusters with their error, or the exact sum and why it was taken.
+    /// All pairs, or rays: how many of a triangle, and why.
+    #[doc(hidden)]
     pub transport: String,
     /// Whether the near field is kept as a matrix, and why not.
+    #[doc(hidden)]
     pub near_field: String,
     /// What is modelled of each class of triangles.
+    #[doc(hidden)]
     pub classes: Vec<ClassReport>,
     /// How the light that comes straight from emitters is computed.
+    #[doc(hidden)]
     pub lamps: LampsReport,
     /// Triangles per tile.
+    #[doc(hidden)]
     pub tile: u32,
     /// Number of tiles.
+    #[doc(hidden)]
     pub tiles: u32,
     /// Number of groups with bins, one page each.
+    #[doc(hidden)]
     pub pages: usize,
     /// Pairs of triangles per pass.
+    #[doc(hidden)]
     pub pairs: PairReport,
     /// How lobes are computed.
+    #[doc(hidden)]
     pub lobes: LobeReport,
     /// Residency of the states, and the transfers this causes.
+    #[doc(hidden)]
     pub states: StatesReport,
     /// Bytes by label.
+    #[doc(hidden)]
     pub memory: Vec<MemoryItem>,
     /// Bytes of all labels.
+    #[doc(hidden)]
     pub memory_total: u64,
     /// Memory budget, bytes.
+    #[doc(hidden)]
     pub memory_budget: u64,
     /// All memory but staging, per triangle with an area.
+    #[doc(hidden)]
     pub bytes_per_triangle: f64,
     /// Least and most passes that similar scenes were seen to take, from albedo, solver and tolerance. Uniformly lit
     /// scenes take fewer; scenes that create light (interpenetrating objects) may take more.
+    #[doc(hidden)]
     pub estimated_passes: [f64; 2],
     /// Rough time for the least number of passes, on two idle cores: of the CPU backend, or of lavapipe.
+    #[doc(hidden)]
     pub estimated_seconds: f64,
     /// Rough time for the largest number of passes, on two idle cores: of the CPU backend, or of lavapipe.
+    #[doc(hidden)]
     pub estimated_seconds_at_most: f64,
 }
 
 impl Plan {
     /// Counts pairs.
+    #[doc(hidden)]
     pub fn pairs(&self) -> PairReport {
         let real = |slots: &[u32]| slots.iter().filter(|&&i| i != PADDING).count() as u64;
         let of_tile: Vec<u64> = self.layout.order.chunks(self.layout.tile as usize).map(real).collect();
@@ -194,10 +208,6 @@ impl Plan {
             sub_sampled: near.partners.len() as u64,
             ..PairReport::default()
         };
-        if let Some(clusters) = self.clusters() {
-            self.add_cluster_pairs(clusters, &mut pairs);
-            return pairs;
-        }
         for to in &self.layout.groups {
             for from in &self.layout.groups {
                 for receiver in to.tiles.clone() {
@@ -216,27 +226,6 @@ impl Plan {
         pairs
     }
 
-    fn add_cluster_pairs(&self, clusters: &Clusters, pairs: &mut PairReport) {
-        for to in &self.layout.groups {
-            let receivers = self.layout.slots_of(&to.tiles);
-            for list in receivers.start / LIST..receivers.end / LIST {
-                let of_list = clusters.triangles(&(list * LIST..(list + 1) * LIST)).count() as u64;
-                let mut add = |class: Class, indices: Range<u32>, as_cluster: bool| {
-                    let count = of_list * clusters.sources().of(list, &indices).len() as u64;
-                    match to.class.has_bins() || class.has_bins() {
-                        true => pairs.bins += count,
-                        false => pairs.irradiance += count,
-                    }
-                    pairs.clusters += if as_cluster { count } else { 0 };
-                };
-                self.layout.groups.iter().for_each(|g| add(g.class, self.layout.slots_of(&g.tiles), false));
-                let runs = clusters.runs().iter().chain(clusters.volumes().map(Volumes::run));
-                runs.for_each(|run| add(run.class, run.range(), true));
-            }
-        }
-        pairs.culled = pairs.total.saturating_sub(pairs.irradiance + pairs.bins);
-    }
-
     /// The plan in numbers.
     pub fn report(&self) -> PlanReport {
         let pairs = self.pairs();
@@ -248,7 +237,7 @@ impl Plan {
             BackendKind::Vulkan => LAVAPIPE,
         };
         let pass = pairs.irradiance as f64 / rates.irradiance
-            + pairs.bins as f64 / if self.keeps_far { rates.kept } else { rates.bins }
+            + pairs.bins as f64 / rates.bins
             + match self.near_field_matrix() {
                 Some(kept) => kept.weights as f64 / rates.weights,
                 None => pairs.sub_sampled as f64 / rates.near,
@@ -288,8 +277,9 @@ impl Plan {
     }
 
     /// Seconds that rays would take in place of antiradiance.
+    #[doc(hidden)]
     pub fn seconds_of_rays(&self) -> f64 {
-        self.facets.len() as f64 * f64::from(rays_for(self.settings.transport)) / RAYS
+        self.facets.len() as f64 * f64::from(rays_for(self.settings.ray_error)) / RAYS
     }
 
     /// Least and most passes: from Chebyshev's bound of Krylov methods for GMRES, from the decay of bounces
@@ -409,8 +399,7 @@ impl fmt::Display for PlanReport {
         }
         let pairs = &self.pairs;
         writeln!(f, "pairs per pass   {}", pairs.total)?;
-        let by_cluster = if pairs.clusters > 0 { " or within clusters" } else { "" };
-        writeln!(f, "  {:>13}  culled{by_cluster} ({:.1} %)", pairs.culled, percent(pairs.culled))?;
+        writeln!(f, "  {:>13}  culled ({:.1} %)", pairs.culled, percent(pairs.culled))?;
         writeln!(f, "  {:>13}  irradiance alone ({:.1} %)", pairs.irradiance, percent(pairs.irradiance))?;
         writeln!(f, "  {:>13}  with bins ({:.1} %)", pairs.bins, percent(pairs.bins))?;
         writeln!(f, "  {:>13}  near field ({:.2} %)", pairs.sub_sampled, percent(pairs.sub_sampled))?;

@@ -41,10 +41,6 @@ const MATRIX_SHARE: u64 = 4;
 /// Largest window, bytes: it is copied at once, which delays Ctrl-C.
 const MOST_WINDOW_BYTES: u64 = 512 << 20;
 
-/// Most windows for receivers where there are clusters: each window has its own, which stand for fewer
-/// triangles the smaller it is.
-const MOST_SWEEPS: u32 = 64;
-
 /// What two ranges have in common; where that is nothing, a range that is empty.
 pub fn overlap(a: &Range<u32>, b: &Range<u32>) -> Range<u32> {
     a.start.max(b.start)..a.end.min(b.end)
@@ -120,20 +116,12 @@ impl Plan {
     #[doc(hidden)]
     pub fn anything_passes(&self, receivers: &Range<u32>, sources: &Range<u32>) -> bool {
         let far = &self.interactions.by_receiver.far;
-        self.clusters().is_some()
-            || self.transport.is_explicit()
-            || far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
+        self.transport.is_explicit() || far.any(receivers, sources, PAIR_FRONT | PAIR_BACK)
     }
 
     /// Whether the device holds states whole, of which kernels access any part. Otherwise they access one after the other in windows.
     pub(crate) fn states_are_whole(&self) -> bool {
         self.residency == Residency::Device && self.options.ranks == 1
-    }
-
-    /// Whether a second window is needed on states of several ranks that are on the device: derivatives by geometry go through clusters,
-    /// which are gathered from a group, with cotangents of receivers.
-    pub(crate) fn shows_two(&self) -> bool {
-        self.options.gradients.geometry() && self.clusters().is_some()
     }
 
     /// Tiles in the window for specular radiance: of sources, and where states are on the host, of its cotangents, which a pass of the
@@ -152,8 +140,7 @@ impl Plan {
         groups.map(|group| group.tiles.len() as u32).max().unwrap_or(0)
     }
 
-    /// Cuts groups to the size of a rank's share where several ranks sum over all pairs, so that a window
-    /// takes no more than that. Clusters are of one group, and stand for more triangles the larger it is.
+    /// Cuts groups to the size of a rank's share where there are several, so that a window takes no more than that.
     pub(super) fn cut_for_ranks(&mut self) {
         if self.options.ranks > 1 {
             let part = (self.tiles_with_bins().len() as u32).div_ceil(self.options.ranks).max(1);
@@ -258,18 +245,6 @@ impl Plan {
         let most = |bytes: u64| (bytes / self.tile_bytes()).clamp(1, u64::from(u32::MAX)) as u32;
         let total = (self.tiles_with_bins().len() as u32).max(1);
         let most = most(page.min(MOST_WINDOW_BYTES)).min(total);
-        if self.clusters().is_some() {
-            // Either window holds a group, beside the bins of its clusters: as many as possible, and at first those that are planned.
-            let fewest = total.div_ceil(most);
-            for sweeps in fewest..=MOST_SWEEPS {
-                let tiles = if sweeps == fewest { most } else { total.div_ceil(sweeps) };
-                self.set_windows(tiles, tiles, least_staging + more_staging);
-                if self.memory.total() <= budget {
-                    return Ok(());
-                }
-            }
-            return Err(PlanError::OverBudget { budget, needed: self.memory.total() });
-        }
         // First the fewest sweeps that leave an eighth for sources, or the sources of a dispatch; then as many
         // sources as fit beside. The sizes are evened out, so that no window at the end is short.
         let dispatch = self.partner_tiles();

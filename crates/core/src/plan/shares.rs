@@ -2,20 +2,17 @@
 //! weights.
 
 use super::{Group, PAIR_BACK, PAIR_FRONT, Plan, PlanOptions, PlannedTransport};
-use crate::model::{ClusterRun, LIST, ReceiverLists, SOURCES};
 use std::ops::Range;
 
 /// Work of a close pair in point-to-point pairs, where it is evaluated and where its weights are kept.
 const NEAR_WORK: [u64; 2] = [100, 8];
 
-/// Contiguous ranges of each group and of each run of clusters, one for each rank. Within a group pairs cost
+/// Contiguous ranges of each group, one for each rank. Within a group pairs cost
 /// the same, so that nothing has to be known of what those of different classes cost.
 #[derive(Clone, Debug, Default)]
 pub struct Shares {
     /// Ranges of tiles by group, then by rank.
     groups: Vec<Vec<Range<u32>>>,
-    /// Ranges of indices by run of clusters, then by rank.
-    clusters: Vec<Vec<Range<u32>>>,
 }
 
 impl Shares {
@@ -33,22 +30,8 @@ impl Shares {
             parts.map(|part| first + part.start..first + part.end).collect()
         };
         let groups = groups.iter().enumerate().map(group).collect();
-        let lists = plan.clusters().and_then(|clusters| clusters.receivers());
-        let run = |run: &ClusterRun| {
-            let all = run.range();
-            let work = lists.map_or(Vec::new(), |lists| work_of_clusters(lists, &all));
-            let bound = |groups: u32| (all.start + groups * SOURCES).min(all.end);
-            let parts = Parts::new(&weights).next(&work).into_iter();
-            parts.map(|part| bound(part.start)..bound(part.end)).collect()
-        };
-        let runs = plan.clusters().map_or(&[][..], |clusters| clusters.runs());
-        Self { groups, clusters: runs.iter().map(run).collect() }
+        Self { groups }
     }
-}
-
-/// Work of each [`SOURCES`] clusters of a run as targets of the adjoint.
-fn work_of_clusters(lists: &ReceiverLists, run: &Range<u32>) -> Vec<u64> {
-    lists.groups(run).map(|group| u64::from(lists.count(group, &(0..u32::MAX)))).collect()
 }
 
 /// Cuts sequences, one after the other, into contiguous ranges with sums about in proportion to weights. The
@@ -112,19 +95,9 @@ impl Plan {
         Group { class, tiles: self.shares.groups[group][rank as usize].clone() }
     }
 
-    /// The range of a run of clusters whose cotangents this rank computes.
-    pub(crate) fn own_clusters(&self, run: usize) -> Range<u32> {
-        self.shares.clusters[run][self.options.rank as usize].clone()
-    }
-
     /// The slots of a group that each rank computes.
     pub(crate) fn slots_by_rank(&self, group: usize) -> Vec<Range<u32>> {
         self.shares.groups[group].iter().map(|tiles| self.layout.slots_of(tiles)).collect()
-    }
-
-    /// The clusters of a run that each rank computes the cotangents of.
-    pub(crate) fn clusters_by_rank(&self, run: usize) -> &[Range<u32>] {
-        &self.shares.clusters[run]
     }
 
     /// About how much this rank does of some work that is distributed over all.
@@ -146,16 +119,9 @@ impl Plan {
             return u64::from(self.layout.tile) * u64::from(rays);
         }
         let pairs = &self.interactions.by_receiver;
-        let far: u64 = match self.clusters() {
-            Some(clusters) => (slots.start / LIST..slots.end / LIST)
-                .map(|list| clusters.sources().of(list, &(0..u32::MAX)).len() as u64 * u64::from(LIST))
-                .sum(),
-            None => {
-                let all = 0..self.layout.tiles();
-                let passing = pairs.far.passing(tile, &all, PAIR_FRONT | PAIR_BACK).count() as u64;
-                passing * u64::from(self.layout.tile).pow(2)
-            }
-        };
+        let all = 0..self.layout.tiles();
+        let passing = pairs.far.passing(tile, &all, PAIR_FRONT | PAIR_BACK).count() as u64;
+        let far = passing * u64::from(self.layout.tile).pow(2);
         let near = pairs.near.offsets[slots.end as usize] - pairs.near.offsets[slots.start as usize];
         far + u64::from(near) * NEAR_WORK[usize::from(self.options.keeps_near_field())]
     }

@@ -3,7 +3,6 @@
 //! have an f64 twin in the crate `antirad-reference`. J needs no operator: the bins of a state hold H(b) / c_b, which is the antiradiance of a
 //! blocker's back.
 
-mod bin_shares;
 mod cpu;
 mod pace;
 mod scene_values;

@@ -36,13 +36,9 @@ fn by_slot<const N: usize>(plan: &Plan, value: impl Fn(usize) -> [f64; N]) -> Ve
     plan.layout.order.iter().flat_map(slot).collect()
 }
 
-/// The facet of every slot, then of clusters, then of volume clusters.
+/// The facet of every slot.
 pub fn facets(plan: &Plan) -> Vec<f64> {
-    let mut facets = by_slot(plan, |i| facet_reals(&plan.facets[i]));
-    let clusters = plan.clusters().map_or_else(Vec::new, |clusters| clusters.facets(&plan.facets));
-    let volumes = plan.clusters().map_or_else(Vec::new, |clusters| clusters.volume_facets(&plan.facets));
-    facets.extend(clusters.iter().chain(&volumes).flat_map(facet_reals));
-    facets
+    by_slot(plan, |i| facet_reals(&plan.facets[i]))
 }
 
 /// The corners of every slot.

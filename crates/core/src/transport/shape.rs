@@ -1,6 +1,6 @@
 //! The classes of a pair of triangles.
 
-use crate::model::{Class, Clusters};
+use crate::model::Class;
 use crate::plan::Plan;
 
 /// The classes of a pair, as far as operators are specialised for them.
@@ -36,11 +36,10 @@ impl Shape {
 
     /// All shapes that occur in a planned scene.
     pub fn all(plan: &Plan) -> Vec<Self> {
-        let volumes = plan.clusters().and_then(Clusters::volumes).map(|volumes| volumes.run().class);
         let mut shapes: Vec<Self> = Vec::new();
         for to in &plan.layout.groups {
-            for from in plan.layout.groups.iter().map(|group| group.class).chain(volumes) {
-                let shape = Self::new(from, to.class);
+            for from in &plan.layout.groups {
+                let shape = Self::new(from.class, to.class);
                 if !shapes.contains(&shape) {
                     shapes.push(shape);
                 }

@@ -1,6 +1,5 @@
 //! Numbers of pairs, for the estimate of the remaining time.
 
-use crate::model::{LIST, ReceiverLists, SOURCES};
 use crate::plan::{Group, Plan};
 
 /// Cost of a close pair in point-to-point pairs.
@@ -12,23 +11,13 @@ pub fn far_pairs(plan: &Plan, one: &Group, other: &Group) -> u64 {
     tiles * u64::from(plan.layout.tile * plan.layout.tile)
 }
 
-/// Pairs of a whole pass forwards, weighted by cost. `evaluated`: whether close pairs are evaluated even
-/// where they are kept.
+/// Pairs of a whole pass, forwards or of the adjoint, weighted by cost. `evaluated`: whether close pairs are evaluated even where they are
+/// kept.
 pub fn pairs(plan: &Plan, evaluated: bool) -> u64 {
     let slots = u64::from(plan.layout.slots());
-    let far = plan.clusters().map_or(slots * slots, |clusters| clusters.sources().count() * u64::from(LIST));
-    far + match plan.near_field_matrix() {
-        Some(kept) if !evaluated => kept.forward.columns.len() as u64,
-        _ => plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST,
-    }
-}
-
-/// Pairs of a whole pass of the adjoint, weighted by cost; lists are those of receivers. `evaluated`: whether
-/// close pairs are evaluated even where they are kept.
-pub fn pairs_by_source(plan: &Plan, evaluated: bool) -> u64 {
-    let pairs = pairs(plan, evaluated);
-    let Some(clusters) = plan.clusters() else { return pairs };
-    let listed = clusters.sources().count() * u64::from(LIST);
-    let received = clusters.receivers().map_or(0, ReceiverLists::entries) * u64::from(LIST * SOURCES);
-    pairs - listed + received
+    slots * slots
+        + match plan.near_field_matrix() {
+            Some(kept) if !evaluated => kept.forward.columns.len() as u64,
+            _ => plan.interactions().by_receiver.near.partners.len() as u64 * NEAR_COST,
+        }
 }

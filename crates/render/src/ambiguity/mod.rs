@@ -18,6 +18,7 @@
 mod direct;
 mod first_bounce;
 mod light_matrix;
+mod packing;
 mod polytope;
 mod views;
 

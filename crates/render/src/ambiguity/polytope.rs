@@ -1,10 +1,9 @@
 //! The polytope of all emissions that explain a set of pictures.
 
-use super::LightMatrix;
+use super::{LightMatrix, packing};
 use antirad_base::parallel;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use serde::Serialize;
-use std::error::Error;
 use std::f64::consts::PI;
 
 /// The polytope could not be constructed or searched.
@@ -16,15 +15,7 @@ pub enum PolytopeError {
         "interreflection between unseen triangles does not converge: its spectral radius is not below 1; lower their albedo"
     )]
     Singular,
-    /// The simplex method failed.
-    #[error("the linear program of triangle {triangle} has no solution: {source}")]
-    LinearProgram {
-        /// Index in the scene.
-        triangle: usize,
-        /// Error of the solver.
-        source: Box<dyn Error + Send + Sync>,
-    },
-    /// The simplex method stopped before it finished.
+    /// The simplex method did not end.
     #[error("the linear program of triangle {triangle} was not solved to the end")]
     Unfinished {
         /// Index in the scene.
@@ -173,25 +164,14 @@ impl Polytope {
     /// no unseen triangle emits; the lower end takes a linear program: maximise (A e_u)_k within the polytope.
     ///
     /// # Errors
-    /// Fails if the linear program has no solution, or is not solved to the end.
+    /// Fails if the linear program is not solved to the end.
     pub fn seen_interval(&self, triangle: usize) -> Result<Option<Interval>, PolytopeError> {
         let Ok(k) = self.seen.binary_search(&triangle) else { return Ok(None) };
-        let mut program = microlp::Problem::new(microlp::OptimizationDirection::Maximize);
-        let variables: Vec<_> =
-            self.a.row(k).iter().map(|&a| program.add_var(a.max(0.0), (0.0, f64::INFINITY))).collect();
-        for (row, s) in self.a.row_iter().zip(self.alone.iter()) {
-            let terms: Vec<_> =
-                variables.iter().copied().zip(row.iter().copied()).filter(|(_, a)| *a > 0.0).collect();
-            program.add_constraint(&terms, microlp::ComparisonOp::Le, s.max(0.0) + self.noise);
-        }
-        let outcome = program
-            .solve()
-            .map_err(|source| PolytopeError::LinearProgram { triangle, source: source.into() })?;
-        let microlp::SolveOutcome::Solution(solution) = outcome else {
-            return Err(PolytopeError::Unfinished { triangle });
-        };
+        let positive = |row: usize| -> Vec<f64> { self.a.row(row).iter().map(|a| a.max(0.0)).collect() };
+        let rooms = self.alone.iter().enumerate().map(|(row, s)| (positive(row), s.max(0.0) + self.noise));
+        let brightest = packing::most(rooms, &positive(k)).ok_or(PolytopeError::Unfinished { triangle })?;
         let (most, own) = (self.alone[k] + self.noise, self.emission[triangle]);
-        let least = (self.alone[k] - self.noise - solution.objective()).max(0.0);
+        let least = (self.alone[k] - self.noise - brightest).max(0.0);
         let (most, least) = (most.max(own), least.min(own));
         Ok(Some(Interval { least, most: Some(most), method: Method::LinearProgram }))
     }

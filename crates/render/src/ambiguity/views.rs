@@ -8,6 +8,7 @@ pub struct Views {
     /// Whether any camera sees it, per triangle of the scene.
     pub seen: Vec<bool>,
     /// Coverage of the pixels, per camera.
+    #[doc(hidden)]
     pub coverage: Vec<Coverage>,
 }
 

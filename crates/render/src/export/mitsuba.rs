@@ -99,7 +99,7 @@ fn bsdf(index: u32, material: &Material) -> String {
 fn shape(mesh: &str, file: &str, index: u32, material: &Material, two_sided: bool) -> String {
     let bsdf = format!("<ref id=\"m{index}\"/>");
     let bsdf = if two_sided { format!("<bsdf type=\"twosided\">{bsdf}</bsdf>") } else { bsdf };
-    let lamp = if material.emission == [0.0; 3] {
+    let lamp = if !material.emits() {
         String::new()
     } else {
         format!("        <emitter type=\"area\">{}</emitter>\n", rgb("radiance", material.emission))

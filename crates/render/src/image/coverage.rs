@@ -201,21 +201,25 @@ impl Coverage {
     }
 
     /// Width in pixels.
+    #[doc(hidden)]
     pub fn width(&self) -> u32 {
         self.width
     }
 
     /// Height in pixels.
+    #[doc(hidden)]
     pub fn height(&self) -> u32 {
         self.height
     }
 
     /// The faces whose fronts are visible, pixel by pixel: each face once per pixel that shows it.
+    #[doc(hidden)]
     pub fn faces(&self) -> impl Iterator<Item = usize> + '_ {
         self.shares.iter().filter(|share| share.face != BACK).map(|share| share.face as usize)
     }
 
     /// The faces of [`Self::faces`] in the same order, each with its share of the pixel and its place.
+    #[doc(hidden)]
     pub fn faces_in_pixels(&self) -> impl Iterator<Item = FaceInPixel> + '_ {
         let width = self.width as usize;
         let mut shares = self.shares.iter();
@@ -236,6 +240,7 @@ impl Coverage {
     }
 
     /// Per triangle, whether its front is visible in at least one sample of at least one of these views of the scene.
+    #[doc(hidden)]
     pub fn seen<'a>(views: impl IntoIterator<Item = &'a Self>, triangles: usize) -> Vec<bool> {
         let mut seen = vec![false; triangles];
         views.into_iter().flat_map(Self::faces).for_each(|face| seen[face] = true);
@@ -247,6 +252,7 @@ impl Coverage {
     ///
     /// # Errors
     /// Fails if the number of colours is not that of triangles.
+    #[doc(hidden)]
     pub fn pixels<C>(&self, colours: &[[C; 3]]) -> Result<Vec<[f64; 4]>, ImageError>
     where
         C: Copy + Into<f64>,
@@ -274,6 +280,7 @@ impl Coverage {
     ///
     /// # Errors
     /// Fails as [`pixels`](Self::pixels) does.
+    #[doc(hidden)]
     pub fn picture<C>(&self, colours: &[[C; 3]]) -> Result<Picture, ImageError>
     where
         C: Copy + Into<f64>,
@@ -290,6 +297,7 @@ impl Coverage {
     ///
     /// # Errors
     /// Fails unless there is one cotangent per pixel, and all are finite.
+    #[doc(hidden)]
     pub fn colour_gradient(&self, cotangent: &[[f64; 4]]) -> Result<Vec<DVec3>, ImageError> {
         check_cotangent(cotangent, self.counts.len())?;
         let mut gradient = vec![DVec3::ZERO; self.triangles];

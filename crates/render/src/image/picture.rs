@@ -107,6 +107,7 @@ impl Picture {
 
     /// Writes a tone-mapped PNG of 8 bits per channel with a choice of filter; pictures of flat colours
     /// compress better without one.
+    #[doc(hidden)]
     pub fn write_png_filtered(
         &self,
         path: impl AsRef<Path>,

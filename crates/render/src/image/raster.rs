@@ -84,6 +84,7 @@ impl Rasterizer {
     /// # Errors
     /// Fails if the scene, the camera or `supersample` is invalid, if the device fails, or if ranks can no
     /// longer work together.
+    #[doc(hidden)]
     pub fn coverage(&self, scene: &Scene, camera: &Camera, supersample: u32) -> Result<Coverage, ImageError> {
         self.backend.ranks().by_first(|| self.own_coverage(scene, camera, supersample))
     }
@@ -143,6 +144,7 @@ impl Rasterizer {
     ///
     /// # Errors
     /// Fails as [`Self::coverage`] does.
+    #[doc(hidden)]
     pub fn coverage_of_moved(
         &self,
         scene: &Scene,
@@ -199,6 +201,7 @@ impl Rasterizer {
     ///
     /// # Errors
     /// Fails if the scene, the camera or `supersample` is invalid, or if the device fails.
+    #[doc(hidden)]
     pub fn visible_samples(
         &self,
         scene: &Scene,
@@ -250,6 +253,7 @@ impl Rasterizer {
     ///
     /// # Errors
     /// Fails if the camera or the options are invalid.
+    #[doc(hidden)]
     pub fn bytes(
         backend: BackendKind,
         triangles: usize,

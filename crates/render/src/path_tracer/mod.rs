@@ -106,6 +106,7 @@ impl<'a> PathTracer<'a> {
     }
 
     /// The irradiance of the back of one triangle, which is black.
+    #[doc(hidden)]
     pub fn irradiance_of_back(&self, triangle: usize, samples: u32) -> MonteCarloEstimate {
         if self.areas[triangle] <= 0.0 || samples == 0 {
             return MonteCarloEstimate::default();

@@ -69,6 +69,7 @@ impl PathTracer<'_> {
 
     /// Traces a picture as [`Self::picture`] does, and calls `progress` after each row from any thread.
     /// `None` if it breaks.
+    #[doc(hidden)]
     pub fn picture_with(
         &self,
         camera: &Camera,

@@ -88,6 +88,7 @@ pub struct SceneGradient {
 
 impl SceneGradient {
     /// Zeros for everything requested of triangles and vertices.
+    #[doc(hidden)]
     pub fn zeros(scene: &Scene, request: GradientRequest) -> Self {
         let triangles = scene.triangles.len();
         let rgb = |requested: bool| requested.then(|| vec![DVec3::ZERO; triangles]);
@@ -132,6 +133,7 @@ impl SceneGradient {
     }
 
     /// Adds another gradient, for the quantities that this one has.
+    #[doc(hidden)]
     pub fn add(&mut self, other: &Self) {
         fn add<T: std::ops::AddAssign + Copy>(to: &mut Option<Vec<T>>, from: &Option<Vec<T>>) {
             if let (Some(to), Some(from)) = (to, from) {
@@ -148,6 +150,7 @@ impl SceneGradient {
     }
 
     /// The derivative by a quantity of a triangle's material, in all its channels; zeros if it was not requested.
+    #[doc(hidden)]
     pub fn of_triangle(&self, quantity: Quantity, triangle: usize) -> [f64; 3] {
         let rgb = |of: &Option<Vec<DVec3>>| of.as_ref().map_or([0.0; 3], |of| of[triangle].to_array());
         let scalar = |of: &Option<Vec<f64>>| of.as_ref().map_or([0.0; 3], |of| [of[triangle], 0.0, 0.0]);
@@ -162,6 +165,7 @@ impl SceneGradient {
     }
 
     /// Adds to the derivative by a quantity of a triangle's material, if it was requested.
+    #[doc(hidden)]
     pub fn add_to_triangle(&mut self, quantity: Quantity, triangle: usize, value: [f64; 3]) {
         let rgb = |of: &mut Option<Vec<DVec3>>| {
             if let Some(of) = of {

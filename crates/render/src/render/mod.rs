@@ -116,6 +116,7 @@ impl Renderer {
     ///
     /// # Errors
     /// Fails as [`Self::coverage`] does.
+    #[doc(hidden)]
     pub fn coverage_of_moved(
         &self,
         scene: &Scene,

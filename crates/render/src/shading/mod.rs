@@ -159,6 +159,7 @@ impl Light {
     /// # Errors
     /// Fails if the solution belongs to another engine or to other materials, if a camera's position is not
     /// finite, or if the backend fails.
+    #[doc(hidden)]
     pub fn new(
         engine: &mut Engine,
         solution: &Solution,
@@ -236,6 +237,7 @@ impl Light {
 
     /// Takes over what geometry alone decides of the pictures of another light, for the same geometry and cameras, so that it is not computed
     /// again.
+    #[doc(hidden)]
     pub fn like(mut self, other: &Self) -> Self {
         self.budget = other.budget.clone();
         if Arc::ptr_eq(&self.direct, &other.direct) {
@@ -265,6 +267,7 @@ impl Light {
     /// # Errors
     /// Fails if the coverage is of a scene with another number of faces, or if ranks can no longer work
     /// together.
+    #[doc(hidden)]
     pub fn gathered(&self, view: usize, coverage: &Coverage) -> Result<Gathered, ImageError> {
         let view = &self.views[view];
         let mut pixels = coverage.pixels(&view.colours)?;
@@ -284,6 +287,7 @@ impl Light {
     }
 
     /// The pixels without what the visible faces emit themselves, and [`Gathered::error`].
+    #[doc(hidden)]
     pub fn reflected(&self, view: usize, coverage: &Coverage) -> Result<(Vec<DVec3>, f64), ImageError> {
         let view = &self.views[view];
         let colour = |(face, colour)| (self.without_emission(view, face, colour)).to_array();
@@ -393,6 +397,7 @@ impl Light {
     ///
     /// # Errors
     /// Fails as [`Self::gathered`] does.
+    #[doc(hidden)]
     pub fn picture(&self, view: usize, coverage: &Coverage) -> Result<Picture, ImageError> {
         Ok(self.gathered(view, coverage)?.picture(coverage))
     }

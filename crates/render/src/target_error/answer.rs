@@ -15,8 +15,10 @@ pub struct Answer {
     /// Emitted and reflected power per area, per triangle of the scene, RGB, W/m², as in [`Solution`].
     pub radiosity: Vec<[f64; 3]>,
     /// Per camera, the radiance of each triangle towards it as [`Engine::face_colours`] returns it, W/(m² sr).
+    #[doc(hidden)]
     pub colours: Vec<Vec<[f64; 3]>>,
     /// What pictures with gathered light are made from.
+    #[doc(hidden)]
     pub light: Light,
     /// Passes, residuals and spectral radius of the solver.
     pub info: SolveInfo,
@@ -39,6 +41,7 @@ impl Answer {
     /// # Errors
     /// Fails if the solution does not belong to the engine, if a camera's position is not finite, or if the
     /// backend fails.
+    #[doc(hidden)]
     pub fn new(
         engine: &mut Engine,
         scene: &Scene,

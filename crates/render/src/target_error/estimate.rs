@@ -26,7 +26,7 @@ pub struct ErrorEstimate {
 /// Error of the mean irradiance of triangles: relative L2, area-weighted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct IrradianceEstimate {
-    /// Root of the sum of squares of `compared`, `mesh`, `residual`, `clusters` and `sampling`, whose causes are independent; at
+    /// Root of the sum of squares of `compared`, `mesh`, `residual` and `sampling`, whose causes are independent; at
     /// least `balance`.
     pub total: f64,
     /// Difference from a solve with other bins and a smaller near field, times the ratio of error to such a difference in
@@ -37,8 +37,6 @@ pub struct IrradianceEstimate {
     pub mesh: f64,
     /// The residual over 1 - spectral radius.
     pub residual: f64,
-    /// What clusters in place of far triangles may cause, or rays where visibility is explicit; zero where there are neither.
-    pub clusters: f64,
     /// Standard error of direct light by rays; zero where its visibility is exact.
     pub sampling: f64,
     /// Share of the emitted power that is not absorbed; zero in an exact solution. Closed scenes only.
@@ -62,8 +60,6 @@ pub struct PictureEstimate {
     pub within: f64,
     /// The residual over 1 - spectral radius, as in [`IrradianceEstimate::residual`].
     pub residual: f64,
-    /// What clusters in place of far triangles may cause, as in [`IrradianceEstimate::clusters`].
-    pub clusters: f64,
     /// Standard error of rays: of direct light, as in [`IrradianceEstimate::sampling`], and of what glossy
     /// faces mirror.
     pub sampling: f64,
@@ -71,13 +67,13 @@ pub struct PictureEstimate {
 
 impl ErrorEstimate {
     /// `own` is the answer, `other` that of the comparison solve. `ratio` of error to difference: see
-    /// [`IrradianceEstimate::compared`]; `clusters`: see [`IrradianceEstimate::clusters`]. Returns with it what a finer mesh would mend:
-    /// [`IrradianceEstimate::mesh`], and of each picture [`PictureEstimate::within`].
+    /// [`IrradianceEstimate::compared`]. Returns with it what a finer mesh would mend: [`IrradianceEstimate::mesh`], and of each picture
+    /// [`PictureEstimate::within`].
     pub(super) fn new(
         scene: &Scene,
         own: &Answer,
         other: &Answer,
-        [ratio, clusters]: [f64; 2],
+        ratio: f64,
         visible: &[Visible],
         shading: Shading,
     ) -> Result<(Self, Vec<MeshError>), ImageError> {
@@ -85,7 +81,7 @@ impl ErrorEstimate {
         let surface = Surface::new(scene);
         let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
         let residual = own.info.residuals.last().copied().unwrap_or(0.0) / left;
-        let known = [residual, clusters, own.sampling_error];
+        let known = [residual, own.sampling_error];
         let (irradiance, mesh) = IrradianceEstimate::new(scene, &surface, own, other, ratio, known);
         let mut of_mesh = vec![mesh];
         let colours = own.colours.iter().zip(&other.colours);
@@ -115,7 +111,7 @@ impl IrradianceEstimate {
         own: &Answer,
         other: &Answer,
         ratio: f64,
-        [residual, clusters, sampling]: [f64; 3],
+        [residual, sampling]: [f64; 2],
     ) -> (Self, MeshError) {
         let values = vectors(&own.irradiance);
         let norm = |of: &dyn Fn(usize) -> DVec3| norm(&surface.weights, of);
@@ -123,13 +119,13 @@ impl IrradianceEstimate {
         let compared = ratio * relative_to(all)(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
         let of_mesh = MeshError::new(&surface.weights, &|i| surface.off_neighbours(&values, i), all);
         let mesh = of_mesh.total();
-        let parts = root_of_squares([compared, mesh, residual, clusters, sampling]);
+        let parts = root_of_squares([compared, mesh, residual, sampling]);
         let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
         let Energy { emitted, escaped, unaccounted, .. } = own.energy;
         let missing = (sum(escaped) + sum(unaccounted)) / sum(emitted).max(f64::MIN_POSITIVE);
         let balance = is_closed(scene).then_some(missing.abs());
         let total = balance.map_or(parts, |balance| parts.max(balance));
-        (Self { total, compared, mesh, residual, clusters, sampling, balance }, of_mesh)
+        (Self { total, compared, mesh, residual, sampling, balance }, of_mesh)
     }
 }
 
@@ -188,19 +184,18 @@ impl PictureEstimate {
         visible: &Visible,
         Differences { compared, within, rays }: &Differences,
         ratio: f64,
-        [residual, clusters, sampling]: [f64; 3],
+        [residual, sampling]: [f64; 2],
     ) -> Self {
         let (compared, within) = (ratio * compared, within.total());
         let sampling = root_of_squares([sampling, *rays]);
-        let total = root_of_squares([compared, within, residual, clusters, sampling]);
-        Self { camera: visible.camera.clone(), total, compared, within, residual, clusters, sampling }
+        let total = root_of_squares([compared, within, residual, sampling]);
+        Self { camera: visible.camera.clone(), total, compared, within, residual, sampling }
     }
 }
 
 impl fmt::Display for ErrorEstimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let IrradianceEstimate { total, compared, mesh, residual, clusters, sampling, balance } =
-            self.irradiance;
+        let IrradianceEstimate { total, compared, mesh, residual, sampling, balance } = self.irradiance;
         let percent = |share: f64| format!("{:.2} %", 100.0 * share);
         write!(
             f,
@@ -210,9 +205,6 @@ impl fmt::Display for ErrorEstimate {
             percent(mesh),
             percent(residual)
         )?;
-        if clusters > 0.0 {
-            write!(f, ", transport {}", percent(clusters))?;
-        }
         if sampling > 0.0 {
             write!(f, ", rays {}", percent(sampling))?;
         }

@@ -3,7 +3,7 @@
 use crate::warnings::{Surfaces, Warnings, mean_albedo};
 use antirad_core::model::{Bins, classify, spatial_order};
 use antirad_core::plan::{Placement, Plan, PlanError, PlanOptions, Residency};
-use antirad_scene::{BinLayout, Choice, Scene, SolveSettings, Transport, VisibilityChoice};
+use antirad_scene::{BinLayout, Choice, Scene, SolveSettings, VisibilityChoice};
 use serde::Serialize;
 use std::f64::consts::SQRT_2;
 
@@ -47,15 +47,15 @@ const fn explicit(concentric: u32, rays: f64, tolerance: f64, usual: f64) -> Lev
 const REFLECTED: [Level; 6] = [
     level((6, 8), 8, 10.0, 0, 3e-3, 0.03),
     level((10, 13), 10, 30.0, 0, 1e-3, 0.015),
-    explicit(16, 0.008, 1e-3, 0.008),
-    explicit(16, 0.004, 1e-3, 0.004),
-    explicit(24, 0.002, 3e-4, 0.002),
-    explicit(32, 0.001, 1e-4, 0.001),
+    explicit(16, 0.0036, 1e-3, 0.008),
+    explicit(16, 0.0018, 1e-3, 0.004),
+    explicit(24, 0.0009, 3e-4, 0.002),
+    explicit(32, 0.00045, 1e-4, 0.001),
 ];
 
 /// The same by rays alone.
 const EXPLICIT: [Level; 5] =
-    [explicit(8, 0.016, 3e-3, 0.015), REFLECTED[2], REFLECTED[3], REFLECTED[4], REFLECTED[5]];
+    [explicit(8, 0.0072, 3e-3, 0.015), REFLECTED[2], REFLECTED[3], REFLECTED[4], REFLECTED[5]];
 
 /// The same by antiradiance alone.
 const IMPLICIT: [Level; 5] = [
@@ -120,6 +120,9 @@ impl LayoutKind {
     }
 }
 
+/// The largest error that rays may cause.
+const COARSEST: f64 = 0.2;
+
 impl Level {
     /// `directional`: whether the scene has bins; `lamps`: whether the light of its lamps is exact.
     pub fn all(visibility: VisibilityChoice, directional: bool, lamps: bool) -> &'static [Self] {
@@ -140,7 +143,7 @@ impl Level {
 
     /// The level for a mesh of so many times as many triangles as it started with: of the same number of rays in all.
     pub fn with_finer(self, times: f64) -> Self {
-        Self { rays: self.rays.map(|error| error * times.sqrt()), ..self }
+        Self { rays: self.rays.map(|error| (error * times.sqrt()).min(COARSEST)), ..self }
     }
 
     pub fn is_explicit(&self) -> bool {
@@ -159,9 +162,7 @@ impl Level {
         };
         let settings = base.bins(self.bins(layout, self.concentric)).tolerance(self.tolerance);
         match self.rays {
-            Some(error) => {
-                settings.visibility(VisibilityChoice::Explicit).transport(Transport::Hierarchical { error })
-            }
+            Some(error) => settings.visibility(VisibilityChoice::Explicit).ray_error(error),
             None => settings.near_field(near.max(usual)),
         }
     }
@@ -180,7 +181,7 @@ impl Level {
         let settings = self.settings(layout, near, base);
         let settings = settings.bins(bins);
         match self.rays {
-            Some(error) => settings.transport(Transport::Hierarchical { error: SQRT_2 * error }),
+            Some(error) => settings.ray_error(SQRT_2 * error),
             None => settings.near_field(settings.near_field / 3.0),
         }
     }
@@ -299,12 +300,7 @@ mod tests {
             for layout in [LayoutKind::EqualAngle, LayoutKind::Concentric, LayoutKind::None] {
                 let own = level.settings(layout, 0.0, &SolveSettings::default());
                 let other = level.comparison(layout, 0.0, &SolveSettings::default());
-                let fewer = match (own.transport, other.transport) {
-                    (Transport::Hierarchical { error }, Transport::Hierarchical { error: other }) => {
-                        other > error
-                    }
-                    _ => other.near_field < own.near_field,
-                };
+                let fewer = other.ray_error > own.ray_error || other.near_field < own.near_field;
                 assert!(fewer, "{own:?}, {other:?}");
                 assert!(
                     layout == LayoutKind::None || level.concentric < 4 || other.bins != own.bins,

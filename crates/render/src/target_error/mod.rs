@@ -113,6 +113,7 @@ pub struct Step {
     /// Layout of the bins as text, such as `10x13` or `concentric:12`.
     pub bins: String,
     /// Layout of the bins.
+    #[doc(hidden)]
     pub layout: LayoutKind,
     /// The range of the near field.
     pub near_field: f64,

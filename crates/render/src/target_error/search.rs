@@ -11,11 +11,8 @@ use antirad_core::plan::{Plan, PlanOptions, has_direct_lamps};
 use antirad_core::{Engine, EngineError};
 use antirad_scene::{Scene, SolveSettings};
 
-/// Share of the target error that clusters may cause: squares add up, so that they add a twentieth to the estimate.
-const CLUSTERS: f64 = 0.3;
-
 /// Share of the target error that each cause may have before something is done about it: bins and near field, the mesh. The squares of both
-/// and of clusters are then four fifths of that of the target.
+/// are then seven tenths of that of the target.
 const PART: f64 = 0.6;
 
 /// Most steps: what has not come down to the target by then will not.
@@ -250,8 +247,7 @@ impl<'a> Search<'a> {
             return Err(SearchError::Triangles { triangles, allowed });
         }
         mesh.cut_all(level.cuts);
-        let mut given = mesh.scene.settings;
-        given.transport = given.transport.within(CLUSTERS * self.options.error, mesh.parents.len());
+        let given = mesh.scene.settings;
         let settings = |layout| level.settings(layout, self.near, &given);
         let layout = match level.is_explicit() {
             true => LayoutKind::Concentric,
@@ -281,15 +277,13 @@ impl<'a> Search<'a> {
         let other = self.answer(scene, comparison_plan, Warnings::default(), &comparing, solve)?;
         scene.settings = own;
         let warnings = Warnings::of(scene, &plan);
-        let transport = plan.transport();
+        let rays = plan.transport().rays();
         let answer = self.answer(scene, plan, warnings, &solving, solve)?;
         let estimated = match (&answer, &other) {
             (Ok(answer), Ok(other)) => {
                 let visible = Visible::of(self.backend, scene, &self.options.cameras)?;
-                // The comparison shows what rays cause.
-                let clusters = if transport.is_explicit() { 0.0 } else { transport.error() };
-                let factors = [self.levels[level].ratio(layout), clusters];
-                Some(ErrorEstimate::new(scene, answer, other, factors, &visible, self.options.shading)?)
+                let ratio = self.levels[level].ratio(layout);
+                Some(ErrorEstimate::new(scene, answer, other, ratio, &visible, self.options.shading)?)
             }
             _ => None,
         };
@@ -301,7 +295,7 @@ impl<'a> Search<'a> {
             bins: own.bins.to_string(),
             layout,
             near_field: own.near_field,
-            rays: transport.rays(),
+            rays,
             tolerance: own.tolerance,
             triangles: scene.triangles.len(),
             passes: both().flatten().map(|answer| answer.info.passes).sum(),

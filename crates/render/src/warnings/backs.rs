@@ -44,7 +44,7 @@ impl Lit {
 
     /// Light on these backs, relative to that on all fronts. That the housing of a lamp is black is what most expect.
     pub fn share(&self, scene: &Scene, plan: &Plan) -> f64 {
-        self.part(plan, |i| scene.material(i as usize).emission == [0.0; 3])
+        self.part(plan, |i| !scene.material(i as usize).emits())
     }
 
     fn part(&self, plan: &Plan, counts: impl Fn(u32) -> bool) -> f64 {

@@ -34,11 +34,13 @@ pub struct Effect {
 
 impl Effect {
     /// An estimate on the safe side.
+    #[doc(hidden)]
     pub fn predicted(share: f64) -> Self {
         Self { share: share.min(1.0), measured: None }
     }
 
     /// Whether it is beyond doubt above a limit.
+    #[doc(hidden)]
     pub fn exceeds(&self, limit: f64) -> bool {
         self.share - 2.0 * self.measured.unwrap_or(0.0) > limit
     }

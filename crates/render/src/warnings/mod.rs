@@ -171,12 +171,14 @@ impl Warnings {
 
     /// How much more light there would be, relative to all of it, by what falls on the backs of one-sided triangles, found by paths: antiradiance lets
     /// that pass, where it should be absorbed. `None` up to one percent, where visibility may stay implicit.
+    #[doc(hidden)]
     pub fn light_through_backs(scene: &Scene, plan: &Plan) -> Option<f64> {
         backs::lit(scene, plan).too_much(scene, plan)
     }
 
     /// The warnings of [`Warnings::of`], and [`Kind::CoarseShadows`]. Takes about as long as the direct light
     /// of lamps.
+    #[doc(hidden)]
     pub fn with_shadows(scene: &Scene, plan: &Plan) -> Self {
         let mut warnings = Self::of(scene, plan);
         let found = shadows::uneven(scene, plan, SHADOW_LIMIT);
@@ -241,6 +243,7 @@ impl Warnings {
 
     /// Replaces the predicted effects that matter by what path tracing finds of the irradiance of a solution, W/m² per triangle. Takes about
     /// ten thousand paths for each.
+    #[doc(hidden)]
     pub fn measure(&mut self, scene: &Scene, plan: &Plan, irradiance: &[[f64; 3]]) {
         use Kind::{CoarseBlockers, NarrowGaps, StackedLayers};
         let kinds = [StackedLayers, CoarseBlockers, NarrowGaps];
@@ -257,6 +260,7 @@ impl Warnings {
     }
 
     /// Those that may change the answer by more than a share of its light, [`MATTERS`] for instance.
+    #[doc(hidden)]
     pub fn above(&self, share: f64) -> impl Iterator<Item = &Warning> {
         self.list.iter().filter(move |warning| warning.effect.exceeds(share))
     }

@@ -63,6 +63,7 @@ fn least(charts: usize) -> u32 {
 impl Scene {
     /// Columns and rows, a power of two, of the smallest texture that has room for an atlas of triangles, with a point or two for each
     /// chart.
+    #[doc(hidden)]
     pub fn least_atlas(&self, triangles: &[u32]) -> u32 {
         least(charts(self, triangles).len())
     }

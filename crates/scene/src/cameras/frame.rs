@@ -24,6 +24,7 @@ pub struct Frame {
     /// Unit vector to the top of the picture.
     pub up: DVec3,
     /// The lens, as far as the file has it.
+    #[doc(hidden)]
     pub intrinsics: Intrinsics,
 }
 
@@ -60,6 +61,7 @@ impl Frame {
     }
 
     /// The centred pinhole camera of this frame, with the field of view of a lens.
+    #[doc(hidden)]
     pub fn camera(&self, lens: &Lens, width: u32, height: u32) -> Camera {
         Camera {
             name: self.name.clone(),
@@ -73,6 +75,7 @@ impl Frame {
     }
 
     /// Moves the frame from the world of its set into that of a scene.
+    #[doc(hidden)]
     pub fn transform(&mut self, to_scene: &Similarity) {
         self.position = to_scene.point(self.position);
         self.forward = to_scene.direction(self.forward);

@@ -1,9 +1,10 @@
-//! Buffer views compressed by EXT_meshopt_compression, decoded as the appendices A and B of its specification (Khronos, ratified) say.
+//! Buffer views compressed by EXT_meshopt_compression, decoded by the crate `meshopt`.
 
+use meshopt::{decode_filter_exp, decode_index_buffer, decode_index_sequence, decode_vertex_buffer};
 use serde::Deserialize;
 
-/// Largest number of bytes of an element.
-const MOST_STRIDE: usize = 256;
+/// Most bytes that a byte of attributes makes: two bits stand for a byte of each of 16 elements, all as in the element before.
+const MOST_PER_BYTE: usize = 64;
 
 /// The extension of a buffer view.
 #[derive(Deserialize)]
@@ -62,325 +63,143 @@ impl Compressed {
     /// The bytes of the view, or `None` if the compressed data are malformed.
     pub fn decode(&self, data: &[u8]) -> Option<Vec<u8>> {
         let (count, stride) = (self.count, self.byte_stride);
-        let of_indices = |indices: Vec<u32>| {
+        // The decoder allocates all of a view before it looks at the data.
+        if self.decoded_length()? / MOST_PER_BYTE > data.len() {
+            return None;
+        }
+        let narrowed = |indices: Vec<u32>| {
             indices.iter().flat_map(|index| index.to_le_bytes().into_iter().take(stride)).collect()
         };
-        match self.mode {
-            Mode::Attributes if stride.is_multiple_of(4) && (4..=MOST_STRIDE).contains(&stride) => {
-                let mut bytes = attributes(data, count, stride)?;
+        match (self.mode, data.first()?) {
+            (Mode::Attributes, 0xa0) if stride.is_multiple_of(4) => {
+                let mut words = words(data, count, stride / 4)?;
                 if self.filter == Filter::Exponential {
-                    bytes.as_chunks_mut().0.iter_mut().for_each(exponential);
+                    decode_filter_exp(words.as_chunks_mut::<1>().0);
                 }
-                Some(bytes)
+                Some(words.into_iter().flat_map(u32::to_le_bytes).collect())
             }
-            Mode::Triangles if matches!(stride, 2 | 4) && count.is_multiple_of(3) => {
-                triangles(data, count / 3).map(of_indices)
+            (Mode::Triangles, 0xe1) if matches!(stride, 2 | 4) && count.is_multiple_of(3) => {
+                decode_index_buffer(data, count).ok().map(narrowed)
             }
-            Mode::Indices if matches!(stride, 2 | 4) => indices(data, count).map(of_indices),
+            (Mode::Indices, 0xd1) if matches!(stride, 2 | 4) => {
+                decode_index_sequence(data, count).ok().map(narrowed)
+            }
             _ => None,
         }
     }
 }
 
-/// The next bytes.
-fn take<'a>(data: &mut &'a [u8], count: usize) -> Option<&'a [u8]> {
-    let (taken, rest) = data.split_at_checked(count)?;
-    *data = rest;
-    Some(taken)
+/// An element of `N` words.
+#[derive(Clone)]
+struct Element<const N: usize>([u32; N]);
+
+impl<const N: usize> Default for Element<N> {
+    fn default() -> Self {
+        Self([0; N])
+    }
 }
 
-/// The data between a header byte and a tail, and the tail.
-fn body(data: &[u8], header: u8, tail: usize) -> Option<(&[u8], &[u8])> {
-    let (_, data) = data.split_first().filter(|(first, _)| **first == header)?;
-    data.split_at_checked(data.len().checked_sub(tail)?)
+fn elements<const N: usize>(data: &[u8], count: usize) -> Option<Vec<u32>> {
+    let elements: Vec<Element<N>> = decode_vertex_buffer(data, count).ok()?;
+    Some(elements.into_iter().flat_map(|element| element.0).collect())
 }
 
-/// Signed numbers alternate with their opposites: 0, -1, 1, -2 …
-fn signed(x: u32) -> u32 {
-    if x & 1 == 1 { !(x >> 1) } else { x >> 1 }
-}
-
-/// Mode 0: each byte of an element as the difference from that of the element before, in blocks and groups of 16.
-fn attributes(data: &[u8], count: usize, stride: usize) -> Option<Vec<u8>> {
-    let (mut data, tail) = body(data, 0xa0, stride.max(32))?;
-    let mut last = tail[tail.len() - stride..].to_vec();
-    let mut elements = Vec::new();
-    let most = (8192 / stride / 16 * 16).min(256);
-    for first in (0..count).step_by(most) {
-        let block = most.min(count - first);
-        let start = elements.len();
-        elements.resize(start + block * stride, 0);
-        for (at, last) in last.iter_mut().enumerate() {
-            let groups = block.div_ceil(16);
-            let modes = take(&mut data, groups.div_ceil(4))?;
-            for group in 0..groups {
-                let deltas = deltas(&mut data, modes[group / 4] >> (2 * (group % 4)) & 3)?;
-                for (element, delta) in (16 * group..block).zip(deltas) {
-                    *last = last.wrapping_add(signed(delta.into()) as u8);
-                    elements[start + element * stride + at] = *last;
-                }
+/// The words of `count` elements. The decoder takes the size of an element from its type.
+fn words(data: &[u8], count: usize, size: usize) -> Option<Vec<u32>> {
+    macro_rules! by_size {
+        ($($n:literal)*) => {
+            match size {
+                $($n => elements::<$n>(data, count),)*
+                _ => None,
             }
-        }
-    }
-    Some(elements)
-}
-
-/// A group of mode 0. Numbers of few bits are the largest of their kind where a whole byte follows.
-fn deltas(data: &mut &[u8], mode: u8) -> Option<[u8; 16]> {
-    let bits = match mode {
-        0 => return Some([0; 16]),
-        1 => 2,
-        2 => 4,
-        _ => return take(data, 16)?.try_into().ok(),
-    };
-    let packed = take(data, 2 * bits)?;
-    let most = (1 << bits) - 1;
-    let mut deltas = [0; 16];
-    for (k, delta) in deltas.iter_mut().enumerate() {
-        *delta = packed[k * bits / 8] >> (8 - bits - k * bits % 8) & most;
-        if *delta == most {
-            *delta = take(data, 1)?[0];
-        }
-    }
-    Some(deltas)
-}
-
-/// A number in bytes of 7 bits, the last of them below 128.
-fn varint(data: &mut &[u8]) -> Option<u32> {
-    let mut number = 0;
-    for shift in (0..35).step_by(7) {
-        let byte = take(data, 1)?[0];
-        number |= u32::from(byte & 127) << shift;
-        if byte < 128 {
-            return Some(number);
-        }
-    }
-    None
-}
-
-/// The last 16 things; 0 is the latest.
-#[derive(Default)]
-struct Recent<T> {
-    things: [T; 16],
-    next: usize,
-}
-
-impl<T: Copy> Recent<T> {
-    fn push(&mut self, thing: T) {
-        self.things[self.next % 16] = thing;
-        self.next += 1;
-    }
-
-    fn at(&self, back: u8) -> T {
-        self.things[self.next.wrapping_sub(1 + usize::from(back)) % 16]
-    }
-}
-
-/// What mode 1 remembers from triangle to triangle.
-#[derive(Default)]
-struct Strip {
-    /// The lowest vertex not met so far.
-    next: u32,
-    /// The vertex last written as a number.
-    last: u32,
-    vertices: Recent<u32>,
-    edges: Recent<[u32; 2]>,
-}
-
-impl Strip {
-    fn new_vertex(&mut self) -> u32 {
-        self.next = self.next.wrapping_add(1);
-        self.next.wrapping_sub(1)
-    }
-
-    fn written(&mut self, data: &mut &[u8]) -> Option<u32> {
-        self.last = self.last.wrapping_add(signed(varint(data)?));
-        Some(self.last)
-    }
-
-    /// A vertex by four bits: a new one, a recent one, or one that is written, and whether it joins the recent ones.
-    fn vertex(&mut self, bits: u8, data: &mut &[u8]) -> Option<(u32, bool)> {
-        match bits {
-            0 => Some((self.new_vertex(), true)),
-            15 => Some((self.written(data)?, true)),
-            _ => Some((self.vertices.at(bits - 1), false)),
-        }
-    }
-
-    /// The third vertex beside a recent edge.
-    fn beside(&mut self, edge: u8, bits: u8, data: &mut &[u8]) -> Option<[u32; 3]> {
-        let [a, b] = self.edges.at(edge);
-        let (c, joins) = match bits {
-            1..=12 => (self.vertices.at(bits), false),
-            13 | 14 => {
-                self.last = if bits == 13 { self.last.wrapping_sub(1) } else { self.last.wrapping_add(1) };
-                (self.last, true)
-            }
-            _ => self.vertex(bits, data)?,
         };
-        if joins {
-            self.vertices.push(c);
-        }
-        Some([a, b, c])
     }
-
-    /// Three vertices by four bits each.
-    fn apart(&mut self, bits: [u8; 3], data: &mut &[u8]) -> Option<[u32; 3]> {
-        let [a, b, c] = bits;
-        let corners = [self.vertex(a, data)?, self.vertex(b, data)?, self.vertex(c, data)?];
-        corners.iter().filter(|(_, joins)| *joins).for_each(|&(vertex, _)| self.vertices.push(vertex));
-        let [a, b, c] = corners.map(|(vertex, _)| vertex);
-        self.edges.push([b, a]);
-        Some([a, b, c])
+    by_size! {
+        1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32
+        33 34 35 36 37 38 39 40 41 42 43 44 45 46 47 48 49 50 51 52 53 54 55 56 57 58 59 60 61 62 63 64
     }
 }
 
-/// Mode 1: a byte for each triangle, which mostly shares an edge with a recent one.
-fn triangles(data: &[u8], count: usize) -> Option<Vec<u32>> {
-    let (data, table) = body(data, 0xe1, 16)?;
-    let (codes, mut data) = data.split_at_checked(count)?;
-    let mut strip = Strip::default();
-    let mut corners = Vec::with_capacity(3 * count);
-    for &code in codes {
-        let (high, low) = (code >> 4, code & 15);
-        let triangle = match (high, low) {
-            (15, 14 | 15) => {
-                let bits = take(&mut data, 1)?[0];
-                if bits == 0 {
-                    strip.next = 0;
-                }
-                strip.apart([if low == 14 { 0 } else { 15 }, bits >> 4, bits & 15], &mut data)?
-            }
-            (15, _) => {
-                let bits = table[usize::from(low)];
-                strip.apart([0, bits >> 4, bits & 15], &mut data)?
-            }
-            _ => strip.beside(high, low, &mut data)?,
-        };
-        let [a, b, c] = triangle;
-        strip.edges.push([c, b]);
-        strip.edges.push([a, c]);
-        corners.extend(triangle);
-    }
-    Some(corners)
-}
-
-/// Mode 2: differences from one of two numbers.
-fn indices(data: &[u8], count: usize) -> Option<Vec<u32>> {
-    let (mut data, _) = body(data, 0xd1, 4)?;
-    let mut last = [0u32; 2];
-    let next = |_| {
-        let number = varint(&mut data)?;
-        let last = &mut last[(number & 1) as usize];
-        *last = last.wrapping_add(signed(number >> 1));
-        Some(*last)
-    };
-    (0..count).map(next).collect()
-}
-
-/// Filter 3: 8 bits of an exponent over 24 of an integer become a float.
-fn exponential(bytes: &mut [u8; 4]) {
-    let bits = i32::from_le_bytes(*bytes);
-    *bytes = ((bits << 8 >> 8) as f32 * f32::powi(2.0, bits >> 24)).to_le_bytes();
-}
-
-/// Data that the encoder of meshoptimizer 1.0 made.
 #[cfg(test)]
 mod tests {
+    use meshopt::{encode_index_buffer, encode_index_sequence, encode_vertex_buffer_level};
+
     use super::*;
-
-    const ATTRIBUTES: &str = "oP////8AAgYKDhIWGh4iJiouMjY6PkJGSk5SVlpeYmZqbnJ2en6ChoqOkpaanqKmqq6ytrq+wsbKztLW2t7i5uru8vb6/v359fHt6eXh3dnV0c3JxcG9ubWxramloZ2ZlZGNiYWBfXl1cW1pZWFdWVVRTUlFQT05NTEtKSUhHRkVEQ0JBQECBgoOEhYaHiImKi4yNjo+QkZKTlJWWl5iZmpucnZ6foKGio6SlpqeoqaqrrK2ur7CxsrO0tba3uLm6u7y9vr+/fn18e3p5eHd2dXRzcnFwb25tbGtqaWhnZmVkY2JhYF9eXVxbWllYV1ZVVFNSUVBPTk1MS0pJSEdGRURDQkFVFWlqoACAICAgIIIggiIiIiIiKKIooqKioqiqoqqqqqqqqqq6quq6gQEBEIiQiJCJCJCQiQiQkJCQkJCQkJCQkJEJEJCRCRCREJEQkRCREQkRERCRERERERERKqqqqoGZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZmZgAEEAAACAAAAAACAFRVVVUgAAAACAAAAAIAAAAAgAAAACAAAAAIAAAAAgAAAACAAAAAIAAAAAgAAAACAAAAAIAAAAAgAAAACAAAAAIAAAAAEEQQQQAAwAAKwAAAAAoAAMAACsAAAAAKAADAAArAAAAACgAAAAA/HAIGCg4SFhoeIiYqLjI2Oj5CRkpOUlZaXmJmam5ydnp+goaKjpKWmp6ipqoAAAAAKkREREREREREZERERkREZERkRGRGREYAACpmZmZmZmZmZmZmZmZmZmZmZmZmZmZmAAABgAAAABSAAAAAIAAAAAAEAADAAAoAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=";
-    const TRIANGLES: &str = "4fAA/hP+Ev4S/hL+Ev4S/hL+Ev4S/hL+Ev4g/iX+I/4j/iP+I/4j/iP+I/4j/iP+I/4g/iX+I/4j/iP+I/4j/iP+I/4j/iP+I/4g/iX+I/4j/iP+I/4j/iP+I/4j/iP+I/4g/iX+I/4j/iP+I/4j/iP+I/4j/iP+I/4g/iX+I/4j/iP+I/4j/iP+I/4j/iP+I///8P7/AwICAgICAgICAgL/BgEvBh8EHwQfBB8EHwQfBB8EHwQfBB8E/wQBLwQfAh8CHwIfAh8CHwIfAh8CHwIfAv8EAS8EHwIfAh8CHwIfAh8CHwIfAh8CHwL/BAEvBB8CHwIfAh8CHwIfAh8CHwIfAh8C/wQBLwQfAh8CHwIfAh8CHwIfAh8CHwIfAi+ZAVr/QYgBmQEA/8oPkLYI1cUIAHaHVmd4qYZliWiYAWkAAA==";
-    const INDICES: &str = "0YHTDhwJOAk4CTgJjgEJOAk4CY4BCTgJOAk4CY4BCTgJOAmOAQk4CTgJOAmOAQk4CTgJjgEJOAk4CTgJjgEJOAk4CTgJjgEAAAAA";
-
-    fn bytes(base64: &str) -> Vec<u8> {
-        let url = format!("data:;base64,{base64}");
-        data_url::DataUrl::process(&url).expect("an address").decode_to_vec().expect("base64").0
-    }
 
     fn view(mode: Mode, count: usize, byte_stride: usize) -> Compressed {
         let (byte_offset, byte_length) = (0, 0);
         Compressed { buffer: 0, byte_offset, byte_length, byte_stride, count, mode, filter: Filter::None }
     }
 
-    fn words(bytes: &[u8]) -> Vec<u32> {
-        bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
+    fn bytes(words: &[u32]) -> Vec<u8> {
+        words.iter().flat_map(|word| word.to_le_bytes()).collect()
     }
 
-    /// The cells of a grid in two triangles each, vertices by their first use, and five triangles that stand alone.
-    fn grid() -> Vec<u32> {
-        let mut seen = Vec::new();
-        let cells = (0..6).flat_map(|row| (0..12).map(move |column| 13 * row + column));
-        let corners = cells.flat_map(|a| [a, a + 1, a + 14, a, a + 14, a + 13]);
-        let numbered = corners.map(|corner| match seen.iter().position(|&other| other == corner) {
-            Some(known) => known as u32,
-            None => {
-                seen.push(corner);
-                seen.len() as u32 - 1
-            }
-        });
-        let mut grid: Vec<u32> = numbered.collect();
-        grid.extend([0, 90, 45, 12, 80, 3, 91, 92, 93, 0, 1, 2, 1000, 70000, 5]);
-        grid
+    /// A view of each mode, its compressed data, and what they decode to.
+    fn views() -> [(Compressed, Vec<u8>, Vec<u8>); 4] {
+        let rows: Vec<[u32; 2]> =
+            (0..300).map(|k| [k * k % 65521, ((k / 17) << 16) | (k / 40 * 5)]).collect();
+        let attributes = encode_vertex_buffer_level(&rows, 2, Some(0)).expect("rows");
+        let matrices: Vec<[u32; 16]> = (0..20).map(|k| std::array::from_fn(|i| i as u32 * k)).collect();
+        let matrix_data = encode_vertex_buffer_level(&matrices, 2, Some(0)).expect("matrices");
+        let fan: Vec<u32> = (1..90).flat_map(|k| [0, k, k + 1]).collect();
+        let triangles = encode_index_buffer(&fan, 91).expect("a fan");
+        let sequence: Vec<u32> = (0..60).map(|k| if k % 2 == 1 { 7 * k % 50 } else { 60000 + k }).collect();
+        let indices = encode_index_sequence(&sequence, 70000).expect("a sequence");
+        [
+            (view(Mode::Attributes, 300, 8), attributes, bytes(rows.as_flattened())),
+            (view(Mode::Attributes, 20, 64), matrix_data, bytes(matrices.as_flattened())),
+            (view(Mode::Triangles, fan.len(), 4), triangles, bytes(&fan)),
+            (view(Mode::Indices, 60, 4), indices, bytes(&sequence)),
+        ]
     }
 
     #[test]
     fn all_modes_give_back_what_was_encoded() {
-        let rows: Vec<u8> = (0..300u32)
-            .flat_map(|k| [k * k % 65521, 3 * k % 4096, k / 17, k / 40 * 5])
-            .flat_map(|number| (number as u16).to_le_bytes())
-            .collect();
-        assert_eq!(view(Mode::Attributes, 300, 8).decode(&bytes(ATTRIBUTES)), Some(rows));
-        let indices: Vec<u32> = (0..60).map(|k| if k % 2 == 1 { 7 * k % 50 } else { 60000 + k }).collect();
-        assert_eq!(
-            view(Mode::Indices, 60, 4).decode(&bytes(INDICES)).map(|found| words(&found)),
-            Some(indices)
-        );
-        // The encoder may begin triangles at another corner.
-        let found = view(Mode::Triangles, 447, 4).decode(&bytes(TRIANGLES)).expect("indices");
-        let (found, grid) = (words(&found), grid());
-        assert_eq!(found.len(), grid.len());
-        for (found, given) in found.chunks(3).zip(grid.chunks(3)) {
-            let [a, b, c] = [given[0], given[1], given[2]];
-            assert!(
-                [[a, b, c], [b, c, a], [c, a, b]].iter().any(|turned| turned == found),
-                "{found:?} {given:?}"
-            );
+        for (view, data, expected) in views() {
+            assert_eq!(view.decode(&data), Some(expected));
         }
+        let [.., (indices, data, expected)] = views();
+        let narrow = Compressed { byte_stride: 2, ..indices };
+        let halves: Vec<u8> = expected.chunks(4).flat_map(|word| &word[..2]).copied().collect();
+        assert_eq!(narrow.decode(&data), Some(halves));
     }
 
     #[test]
     fn exponents_and_integers_become_floats() {
-        for (exponent, integer) in [(-2, -3), (0, 0), (20, 5), (-100, 1), (3, -(1 << 23))] {
-            let mut bytes = (exponent << 24 | integer & 0xff_ffff_i32).to_le_bytes();
-            exponential(&mut bytes);
-            let expected = f64::from(integer) * f64::from(exponent).exp2();
-            assert_eq!(f64::from(f32::from_le_bytes(bytes)), expected);
-        }
+        let given = [(-2, -3), (0, 0), (20, 5), (-100, 1), (3, -(1 << 23))];
+        let words = given.map(|(exponent, integer)| [(exponent << 24 | integer & 0xff_ffff_i32) as u32]);
+        let data = encode_vertex_buffer_level(&words, 2, Some(0)).expect("words");
+        let view = Compressed { filter: Filter::Exponential, ..view(Mode::Attributes, given.len(), 4) };
+        let expected = given.map(|(exponent, integer)| (integer as f32 * f32::powi(2.0, exponent)).to_bits());
+        assert_eq!(view.decode(&data), Some(bytes(&expected)));
     }
 
     #[test]
     fn malformed_data_are_refused() {
-        let modes = [
-            (Mode::Attributes, 300, 8, ATTRIBUTES),
-            (Mode::Triangles, 447, 4, TRIANGLES),
-            (Mode::Indices, 60, 4, INDICES),
-        ];
-        for (mode, count, stride, data) in modes {
-            let data = bytes(data);
+        for (mut view, data, expected) in views() {
             // One header is not another, and cut data lack their end.
-            let view = |stride| view(mode, count, stride);
-            assert_eq!(view(stride).decode(&[&[0xb0], &data[1..]].concat()), None);
-            for length in [0, 1, 9, 30, data.len() / 2] {
-                assert_eq!(view(stride).decode(&data[..length]), None);
+            assert_eq!(view.decode(&[&[0xb0], &data[1..]].concat()), None);
+            for length in [0, 1, 9, 30, data.len() / 2, data.len() - 1] {
+                assert_eq!(view.decode(&data[..length]), None);
             }
-            assert_eq!(view(0).decode(&data), None);
-            assert_eq!(view(3).decode(&data), None);
             // Whatever a byte is changed to, there are as many elements or none.
-            for at in 1..data.len() {
-                let mut other = data.clone();
-                other[at] ^= 0xff;
-                assert!(view(stride).decode(&other).is_none_or(|found| found.len() == count * stride));
+            for at in 0..data.len() {
+                for bit in 0..8 {
+                    let mut other = data.clone();
+                    other[at] ^= 1 << bit;
+                    assert!(view.decode(&other).is_none_or(|found| found.len() == expected.len()));
+                }
+            }
+            let (stride, count) = (view.byte_stride, view.count);
+            for wrong in [0, 3, 260, usize::MAX] {
+                view.byte_stride = wrong;
+                assert_eq!(view.decode(&data), None, "a stride of {wrong}");
+            }
+            view.byte_stride = stride;
+            for wrong in [20 * count, 1 << 28, usize::MAX / stride] {
+                view.count = wrong;
+                assert_eq!(view.decode(&data), None, "{wrong} elements");
             }
         }
     }

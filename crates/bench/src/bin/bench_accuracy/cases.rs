@@ -179,11 +179,11 @@ fn without_blockers(backend: &Backend, scene: &Scene) -> Result<Vec<DVec3>, Box<
     Ok(solution.irradiance.into_iter().map(DVec3::from).collect())
 }
 
-/// Rows of a float32 array [n, 3].
+/// Rows of an array [n, 3].
 fn read(path: &Path) -> Result<Vec<DVec3>, Box<dyn Error>> {
     let name =
         |error: std::io::Error| format!("{}: {error}; set --root to the project's folder", path.display());
     let bytes = std::fs::read(path).map_err(name)?;
-    let flat: Vec<f32> = npyz::NpyFile::new(&bytes[..]).map_err(name)?.into_vec().map_err(name)?;
-    Ok(flat.chunks_exact(3).map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into())).collect())
+    let array = antirad_base::npy::read(&bytes)?;
+    Ok(array.numbers.chunks_exact(3).map(DVec3::from_slice).collect())
 }

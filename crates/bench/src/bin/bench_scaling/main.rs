@@ -1,13 +1,12 @@
 //! Memory and time of one light bounce over the number of triangles.
 
-mod error;
 mod measure;
 mod table;
 
 use antirad::backend::BackendKind;
 use antirad::cli::{self, Interrupt, parse_size};
 use antirad::output::prepare_directory;
-use antirad::scene::{BinLayout, Transport};
+use antirad::scene::BinLayout;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use measure::{Outcome, Size};
@@ -29,18 +28,9 @@ struct Arguments {
     /// Direction bins per hemisphere: 10x13 (polar x azimuth) or concentric:12
     #[arg(long, value_name = "LAYOUT", default_value = "10x13")]
     bins: BinLayout,
-    /// How light from far triangles is summed up: exact, or hierarchical:ERROR, with clusters
-    #[arg(long, value_name = "TRANSPORT", default_value = "exact")]
-    transport: Transport,
     /// A scene file, cut until it has as many triangles, in place of the statue
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Many small balls over the floor, of 20 triangles each cut LEVEL times into four, in place of the statue
-    #[arg(long, value_name = "LEVEL", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(0..=4))]
-    objects: Option<u32>,
-    /// Compare with the exact sum at some receivers, in f64
-    #[arg(long)]
-    error: bool,
     /// Bounces per size; the fastest counts
     #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     repeats: u32,
@@ -53,7 +43,7 @@ struct Arguments {
     /// Folder for scaling.csv and the plots
     #[arg(long, short, value_name = "DIR", default_value = "out/scaling")]
     output: PathBuf,
-    /// Skip sizes that DIR/scaling.csv already has of the same device, with the same bins, transport, memory budget and ranks; keep those of
+    /// Skip sizes that DIR/scaling.csv already has of the same device, with the same bins, memory budget and ranks; keep those of
     /// other devices and backends, also of other machines
     #[arg(long)]
     resume: bool,
@@ -79,8 +69,6 @@ const EXAMPLES: &str = "Examples:
   bench_scaling
   bench_scaling --backend vulkan,cpu
   bench_scaling --triangles 10000,20000 --repeats 3 --output out/small
-  bench_scaling --transport hierarchical:0.003 --error --scene scenes/cornell_boxes.toml
-  bench_scaling --transport hierarchical:0.005 --objects 3
   bench_scaling --ranks 2 --triangles 20000
   bench_scaling --resume";
 
@@ -117,9 +105,10 @@ fn main() -> ExitCode {
 fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<Outcome, Box<dyn std::error::Error>> {
     prepare_directory(&arguments.output)?;
     let mut rows = if arguments.resume { table::read(&arguments.output)? } else { Vec::new() };
-    let (bins, transport) = (arguments.bins.to_string(), arguments.transport.to_string());
-    rows.retain(|row| row.bins == bins && row.transport == transport);
-    rows.retain(|row| row.budget == arguments.memory_budget && row.ranks == arguments.ranks);
+    let bins = arguments.bins.to_string();
+    rows.retain(|row| {
+        row.bins == bins && row.budget == arguments.memory_budget && row.ranks == arguments.ranks
+    });
     let bar = if arguments.quiet { ProgressBar::hidden() } else { ProgressBar::new(1000) };
     if let Ok(style) = ProgressStyle::with_template("{msg} [{bar:30}] {elapsed} elapsed, {eta} left") {
         bar.set_style(style.progress_chars("=> "));

@@ -1,7 +1,6 @@
 //! One size: a scene, a plan, one bounce.
 
 use crate::Arguments;
-use crate::error;
 use crate::table::Row;
 use antirad::backend::Backend;
 use antirad::backend::BackendKind;
@@ -10,11 +9,11 @@ use antirad::gpu::DeviceOptions;
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::ranks::Ranks;
 use antirad::scene::{
-    Lamps, LoadOptions, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, SolverChoice,
-    Triangle,
+    Lamps, LoadOptions, Material, Scene, SceneError, Shape, SolveSettings, SolverChoice, Triangle,
+    VisibilityChoice,
 };
 use antirad_core::transport::{self, TransportError};
-use glam::{DAffine3, DQuat, DVec3};
+use glam::DVec3;
 use std::error::Error;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::ControlFlow;
@@ -74,33 +73,6 @@ fn statue(triangles: u32) -> Result<Scene, SceneError> {
     Scene::new("statue", vertices, list, vec![grey("floor", 0.4), grey("marble", 0.7), lamp])
 }
 
-/// Balls over a floor, under a lamp: more of them and smaller ones, the more triangles there are.
-fn objects(triangles: u32, level: u32) -> Result<Scene, SceneError> {
-    let cells = (f64::from(triangles) / 20.0).sqrt().round().max(1.0) as u32;
-    let count = triangles.saturating_sub(2 * cells * cells) / (20 << (2 * level));
-    let grey = |name: &str, albedo| Material { albedo: [albedo; 3], ..Material::named(name) };
-    let (floor, stone) = (grey("floor", 0.4), grey("stone", 0.7));
-    let lamp = Material { emission: [20.0, 19.0, 17.0], ..grey("lamp", 0.5) };
-    let size = DVec3::new(6.0, 3.0, 6.0);
-    let mut builder = SceneBuilder::new();
-    builder.shape("floor", Shape::Quad { cells }, &floor, DAffine3::from_scale(size));
-    let turned = DQuat::from_rotation_x(std::f64::consts::PI);
-    let place =
-        DAffine3::from_scale_rotation_translation(DVec3::splat(2.0), turned, DVec3::new(2.0, 4.0, 4.0));
-    builder.shape("lamp", Shape::Quad { cells: 2 }, &lamp, place);
-    // A fifteenth of the space is taken.
-    let radius = 0.25 * (size.element_product() / f64::from(count.max(1))).cbrt();
-    for k in 0..count {
-        // Evenly in space (M. Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
-        let at = DVec3::new(0.819_172_513_396_164, 0.671_043_606_703_789, 0.549_700_477_901_970);
-        let at = (f64::from(k) * at).fract() * (size - 2.0 * radius) + radius;
-        let turned = DQuat::from_axis_angle(DVec3::ONE.normalize(), f64::from(k));
-        let place = DAffine3::from_scale_rotation_translation(DVec3::splat(radius), turned, at);
-        builder.shape(&format!("ball {k}"), Shape::Icosphere { level, inward: false }, &stone, place);
-    }
-    builder.finish("objects")
-}
-
 /// A scene of a file, each triangle cut into four until there are as many.
 fn refined(file: &Path, triangles: u32) -> Result<Scene, SceneError> {
     let mut scene = Scene::load(file, &LoadOptions::default())?;
@@ -136,14 +108,13 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
     let options = DeviceOptions::asked(&arguments.device, arguments.memory_budget);
     let backend = Backend::open(Some(arguments.backend[0].into()), &options)?.with_ranks(ranks.clone());
     let speaks = ranks.rank() == 0;
-    let scene = match (&arguments.scene, arguments.objects) {
-        (Some(file), _) => refined(file, size)?,
-        (None, Some(level)) => objects(size, level)?,
-        (None, None) => statue(size)?,
+    let scene = match &arguments.scene {
+        Some(file) => refined(file, size)?,
+        None => statue(size)?,
     };
     let settings = SolveSettings::default().bins(arguments.bins).solver(SolverChoice::FixedPoint);
     // A bounce does not use the shadows of lamps.
-    let settings = settings.transport(arguments.transport).lamps(Lamps::Antiradiance);
+    let settings = settings.visibility(VisibilityChoice::Implicit).lamps(Lamps::Antiradiance);
     // Of the statue all triangles block, so that its cost does not depend on its shape.
     let occlusion = if arguments.scene.is_none() { Occlusion::Everything } else { Occlusion::Exact };
     // The least memory, and the kernels of close pairs.
@@ -153,7 +124,6 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
     let seconds_plan = start.elapsed().as_secs_f64();
     let report = plan.report();
     let staging = plan.staging();
-    let planned_scene = arguments.error.then(|| plan.clone());
 
     let resident_before = resident("VmRSS:");
     let emitted: Vec<_> = (0..scene.triangles.len()).map(|i| scene.material(i).emission).collect();
@@ -206,14 +176,6 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         }
     }
     drop((x, y));
-    let measured = |error: f64| match error.is_finite() {
-        true => Ok(error),
-        false => Err("the error is not finite: no light arrives after the first bounce"),
-    };
-    let error = match planned_scene {
-        None => None,
-        Some(plan) => Some(measured(error::of_second_bounce(&mut *operators, &scene, &plan)?)?),
-    };
     if !speaks {
         return Ok(Outcome::Done);
     }
@@ -225,7 +187,6 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         size,
         triangles: report.triangles,
         bins: arguments.bins.to_string(),
-        transport: arguments.transport.to_string(),
         budget: arguments.memory_budget,
         ranks: arguments.ranks,
         bytes_received: received,
@@ -242,7 +203,6 @@ fn bounce(arguments: &Arguments, interrupt: &Interrupt, ranks: &Ranks) -> Result
         pairs_sub_sampled: pairs.sub_sampled,
         interactions: pairs.irradiance,
         interactions_bins: pairs.bins,
-        error,
         seconds_plan,
         seconds_kernels: kernels,
         seconds_wall: wall,
@@ -283,8 +243,7 @@ pub fn in_child(
         }
     };
     command.args(["--only", "--triangles", &size.to_string(), "--bins", &arguments.bins.to_string()]);
-    command.args(["--backend", &backend.to_string(), "--transport", &arguments.transport.to_string()]);
-    command.args(["--repeats", &arguments.repeats.to_string()]);
+    command.args(["--backend", &backend.to_string(), "--repeats", &arguments.repeats.to_string()]);
     if let Some(budget) = arguments.memory_budget {
         command.args(["--memory-budget", &budget.to_string()]);
     }
@@ -293,12 +252,6 @@ pub fn in_child(
     }
     if let Some(scene) = &arguments.scene {
         command.arg("--scene").arg(scene);
-    }
-    if let Some(level) = arguments.objects {
-        command.args(["--objects", &level.to_string()]);
-    }
-    if arguments.error {
-        command.arg("--error");
     }
     if arguments.verbose > 0 {
         command.arg("-v");

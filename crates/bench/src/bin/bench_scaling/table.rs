@@ -22,7 +22,6 @@ pub struct Row {
     pub size: u32,
     pub triangles: usize,
     pub bins: String,
-    pub transport: String,
     /// Memory allowed, if limited.
     #[serde(default)]
     pub budget: Option<u64>,
@@ -47,14 +46,11 @@ pub struct Row {
     pub pairs: u64,
     pub pairs_culled: u64,
     pub pairs_sub_sampled: u64,
-    /// Receiver and source, triangle or cluster, that are evaluated: without bins, and with bins at either end.
+    /// Receiver and source that are evaluated: without bins, and with bins at either end.
     #[serde(default)]
     pub interactions: u64,
     #[serde(default)]
     pub interactions_bins: u64,
-    /// Relative error of the irradiance of a bounce against the exact sum, if asked for.
-    #[serde(default)]
-    pub error: Option<f64>,
     /// Time of planning, interaction lists included.
     pub seconds_plan: f64,
     /// Time in kernels, or in operators of the CPU.
@@ -153,7 +149,7 @@ pub fn plot(directory: &Path, rows: &[Row]) -> Result<(), OutputError> {
 
 pub fn print(rows: &[Row]) {
     antirad::say!(
-        "{:>7} {:>9} {:>7} {:>12} {:>10} {:>12} {:>14} {:>8} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10} {:>12}",
+        "{:>7} {:>9} {:>7} {:>12} {:>10} {:>12} {:>14} {:>8} {:>8} {:>8} {:>8} {:>10} {:>10} {:>12}",
         "backend",
         "triangles",
         "bins",
@@ -164,7 +160,6 @@ pub fn print(rows: &[Row]) {
         "culled",
         "plain/t",
         "bins/t",
-        "error",
         "plan s",
         "kernels s",
         "wall s",
@@ -172,7 +167,7 @@ pub fn print(rows: &[Row]) {
     );
     for row in rows {
         antirad::say!(
-            "{:>7} {:>9} {:>7} {:>12} {:>10.0} {:>12} {:>14} {:>6.1} % {:>8.0} {:>8.0} {:>8} {:>8.2} {:>10.2} {:>10.2} {:>12.3e}",
+            "{:>7} {:>9} {:>7} {:>12} {:>10.0} {:>12} {:>14} {:>6.1} % {:>8.0} {:>8.0} {:>8.2} {:>10.2} {:>10.2} {:>12.3e}",
             row.backend.to_string(),
             row.triangles,
             row.bins,
@@ -183,7 +178,6 @@ pub fn print(rows: &[Row]) {
             100.0 * row.pairs_culled as f64 / row.pairs as f64,
             row.interactions as f64 / row.triangles as f64,
             row.interactions_bins as f64 / row.triangles as f64,
-            row.error.map_or_else(|| "-".to_owned(), |error| format!("{:.3} %", 100.0 * error)),
             row.seconds_plan,
             row.seconds_kernels,
             row.seconds_wall,

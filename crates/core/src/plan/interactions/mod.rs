@@ -9,11 +9,10 @@ pub use crate::model::{PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 pub use far::FarRuns;
 pub use near::NearPairs;
 
-use super::{ClusterChoice, PlanError, TileLayout};
-use crate::model::{Class, ClusterInput, Clusters, Facet, Hierarchy, coplanar_tolerance};
+use super::{PlanError, TileLayout};
+use crate::model::{Class, Facet, Hierarchy, coplanar_tolerance};
 use far::Row;
 use passing::Passing;
-use std::sync::Arc;
 
 /// The pairs by target: receivers with sources as partners, or sources with receivers.
 #[derive(Clone, Debug, Default)]
@@ -31,8 +30,6 @@ pub struct Interactions {
     pub by_receiver: PairLists,
     /// Targets are sources; `None` without planned gradients.
     pub by_source: Option<PairLists>,
-    /// Clusters that stand for far triangles, if planned; there are no runs of tiles then.
-    pub clusters: Option<Clusters>,
 }
 
 impl Interactions {
@@ -53,7 +50,7 @@ impl Interactions {
         let near = NearPairs::of_tiles(layout, &far, facets, classes, half_range, tolerance)?;
         let by_receiver = PairLists { far, near };
         let by_source = by_source.then(|| by_receiver.transposed()).transpose()?;
-        Ok(Self { by_receiver, by_source, clusters: None })
+        Ok(Self { by_receiver, by_source })
     }
 
     /// No pairs.
@@ -64,46 +61,7 @@ impl Interactions {
         let near = NearPairs { offsets: vec![0; layout.slots() as usize + 1], partners: Vec::new() };
         let by_receiver = PairLists { far, near };
         let by_source = by_source.then(|| by_receiver.clone());
-        Ok(Self { by_receiver, by_source, clusters: None })
-    }
-
-    /// Finds close pairs, and plans clusters for all others. `leaf`: triangles of the smallest clusters;
-    /// `most_volumes`: number of volumes at most, if there are to be any; `bin`: solid angle of a bin, sr.
-    pub(super) fn hierarchical(
-        layout: &TileLayout,
-        facets: &Arc<[Facet]>,
-        choice: &ClusterChoice,
-        (leaf, most_volumes): (u32, Option<usize>),
-        bin: f64,
-        by_source: bool,
-    ) -> Result<Self, PlanError> {
-        let groups: Vec<u32> =
-            layout.groups.iter().map(|group| layout.slots_of(&group.tiles).start).collect();
-        let half_range = 0.5 * choice.settings.near_field;
-        let classes = &choice.classes[..];
-        let input = ClusterInput {
-            facets: &choice.facets,
-            moved: (!Arc::ptr_eq(facets, &choice.facets)).then_some(&facets[..]),
-            classes,
-            brightness: &choice.brightness,
-            backs: choice.backs,
-            order: &layout.order,
-            groups: &groups,
-            leaf,
-            most_volumes,
-            half_range,
-            bin,
-            error: choice.error,
-            slopes: choice.slopes,
-            cull: choice.cull,
-        };
-        let tolerance = coplanar_tolerance(facets);
-        let many = PlanError::TooManyPairs { what: "sources in lists", count: u64::from(u32::MAX) };
-        let clusters = Clusters::new(&input, by_source).ok_or(many)?;
-        let near = NearPairs::of_sources(layout, &clusters, facets, classes, half_range, tolerance)?;
-        let by_source = by_source.then(|| PairLists { far: FarRuns::default(), near: near.transposed() });
-        let by_receiver = PairLists { far: FarRuns::default(), near };
-        Ok(Self { by_receiver, by_source, clusters: Some(clusters) })
+        Ok(Self { by_receiver, by_source })
     }
 }
 
@@ -119,7 +77,7 @@ mod tests {
     use crate::model::{BoundedRun, reaches};
     use crate::plan::{GradientRequest, PADDING, Plan, PlanOptions};
     use antirad_kit::Random;
-    use antirad_scene::{LoadOptions, Material, Scene, SceneBuilder, Shape, Transport, Triangle};
+    use antirad_scene::{LoadOptions, Material, Scene, SceneBuilder, Shape, Triangle};
     use glam::{DAffine3, DVec3};
     use std::path::Path;
 
@@ -152,8 +110,7 @@ mod tests {
     }
 
     fn plan(scene: &Scene, options: PlanOptions) -> Plan {
-        let settings = scene.settings.transport(Transport::Exact);
-        Plan::new(scene, &options.boundless(), &settings).expect("a plan")
+        Plan::new(scene, &options.boundless(), &scene.settings).expect("a plan")
     }
 
     /// The bits that may pass between two tiles, from all their triangles.

@@ -1,7 +1,7 @@
 //! Close pairs, which are integrated piecewise: O(N) of them.
 
 use super::{FarRuns, PAIR_NEAR};
-use crate::model::{BoundedRun, Class, Clusters, Facet, LIST, PADDING, reaches};
+use crate::model::{BoundedRun, Class, Facet, PADDING, reaches};
 use crate::plan::PlanError;
 use crate::plan::TileLayout;
 use antirad_base::parallel;
@@ -30,42 +30,6 @@ impl NearPairs {
         half_range: f64,
         tolerance: f64,
     ) -> Result<Self, PlanError> {
-        let tile = layout.tile as usize;
-        Self::among(layout, facets, classes, half_range, tolerance, layout.tile, |of| {
-            far.passing(of, &(0..layout.tiles()), PAIR_NEAR)
-                .flat_map(move |s| s as usize * tile..(s as usize + 1) * tile)
-        })
-    }
-
-    /// Finds the close pairs among the sources of lists marked [`PAIR_NEAR`], of which none is a cluster.
-    ///
-    /// # Errors
-    /// Fails if the pairs are more than 32-bit indices can address.
-    pub fn of_sources(
-        layout: &TileLayout,
-        clusters: &Clusters,
-        facets: &[Facet],
-        classes: &[Class],
-        half_range: f64,
-        tolerance: f64,
-    ) -> Result<Self, PlanError> {
-        Self::among(layout, facets, classes, half_range, tolerance, LIST, |list| {
-            let sources = clusters.sources().sources(list);
-            sources.filter(|(_, passing)| passing & PAIR_NEAR != 0).map(|(source, _)| source as usize)
-        })
-    }
-
-    /// The close ones of the pairs that `candidates` lists: for each range of `run` receivers, by its number,
-    /// the slots of sources, ascending.
-    fn among<C: Iterator<Item = usize>>(
-        layout: &TileLayout,
-        facets: &[Facet],
-        classes: &[Class],
-        half_range: f64,
-        tolerance: f64,
-        run: u32,
-        candidates: impl Fn(u32) -> C + Sync,
-    ) -> Result<Self, PlanError> {
         let real = |slot: usize| Some(layout.order[slot]).filter(|&i| i != PADDING).map(|i| i as usize);
         let close = |j: usize, i: usize| {
             let (to, from) = (&facets[j], &facets[i]);
@@ -75,8 +39,8 @@ impl NearPairs {
                 && (reaches(from, to, 1.0, tolerance)
                     || classes[i].blocker && reaches(from, to, -1.0, tolerance))
         };
-        let lists_of = |number: u32| -> Vec<Vec<u32>> {
-            let slots = number * run..(number + 1) * run;
+        let lists_of = |tile: u32| -> Vec<Vec<u32>> {
+            let slots = layout.slots_of(&(tile..tile + 1));
             let receivers = slots.clone().filter_map(|slot| real(slot as usize)).map(|j| &facets[j]);
             let around = BoundedRun::around(receivers.clone());
             let largest = receivers.map(|f| f.characteristic_area).fold(0.0, f64::max);
@@ -86,7 +50,9 @@ impl NearPairs {
                 let nearest = from.centroid.clamp(around.min, around.max);
                 nearest.distance_squared(from.centroid) < half_range * (largest + from.characteristic_area)
             };
-            let sources = candidates(number).filter_map(|slot| Some((slot as u32, real(slot)?)));
+            let near = far.passing(tile, &(0..layout.tiles()), PAIR_NEAR);
+            let sources = near.flat_map(|tile| layout.slots_of(&(tile..tile + 1)));
+            let sources = sources.filter_map(|slot| Some((slot, real(slot as usize)?)));
             let sources: Vec<(u32, usize)> = sources.filter(within).collect();
             let of = |slot: u32| {
                 let Some(j) = real(slot as usize) else { return Vec::new() };
@@ -94,7 +60,7 @@ impl NearPairs {
             };
             slots.map(of).collect()
         };
-        let lists: Vec<Vec<u32>> = parallel::flat_map(0..layout.slots() / run, lists_of);
+        let lists: Vec<Vec<u32>> = parallel::flat_map(0..layout.tiles(), lists_of);
         let count = lists.iter().map(Vec::len).sum::<usize>();
         if u32::try_from(count).is_err() {
             return Err(PlanError::TooManyPairs { what: "close pairs", count: count as u64 });

@@ -2,7 +2,6 @@
 //! and μ the cotangent of outgoing light. A state of the adjoint holds the cotangents of irradiance and, per bin, of H(b).
 
 use super::Operators;
-use super::clusters_adjoint::ClusterCotangents;
 use super::completion::{complete, complete_slots};
 use super::derivative::GRADIENT;
 use super::real::Real;
@@ -30,9 +29,7 @@ pub struct AdjointArrays<T> {
     /// μ = μ₀ + Uᵀ λ: current cotangents of diffuse and of specular radiance, laid out like μ₀.
     pub current_radiance: Array<T>,
     pub current_specular: Vec<Option<Array<T>>>,
-    /// Cotangents of the light of clusters; `None` where no clusters are planned.
-    pub clusters: Option<ClusterCotangents<T>>,
-    /// Derivatives by geometry of each slot and cluster, sixteen numbers each.
+    /// Derivatives by geometry of each slot, sixteen numbers each.
     gradients: Option<Array<T>>,
     /// Derivatives by specular parameters, two rows of four numbers per slot.
     lobe_sums: Option<Array<T>>,
@@ -55,7 +52,7 @@ impl<T: Real> AdjointArrays<T> {
             (reals > 0).then(|| cpu.array("cotangent: specular", reals)).transpose()
         };
         let specular = || plan.own_pages(|group| group.class.glossy).map(page).collect::<Result<_, _>>();
-        let gradients = || cpu.array("facet gradients", plan.sources() as usize * GRADIENT);
+        let gradients = || cpu.array("facet gradients", slots * GRADIENT);
         let lobes = request.lobes() && plan.classes.iter().any(|class| class.glossy);
         Ok(Some(Self {
             irradiance: cpu.array("cotangent: irradiance", slots * SLOT)?,
@@ -63,7 +60,6 @@ impl<T: Real> AdjointArrays<T> {
             specular: specular()?,
             current_radiance: radiance()?,
             current_specular: specular()?,
-            clusters: ClusterCotangents::new(cpu, plan)?,
             gradients: request.geometry().then(gradients).transpose()?,
             lobe_sums: lobes.then(|| cpu.array("lobe sums", 2 * slots * SLOT)).transpose()?,
         }))
@@ -207,7 +203,7 @@ impl<T: Real> Adjoint for AdjointOperator<'_, T> {
             arrays.ok_or_else(|| TransportError::missing("derivatives with respect to geometry"))?;
         gradients.fill(T::ZERO);
         let found = self.operators.geometry([x, cotangent], views, movable, &mut gradients);
-        let result = found.map(|cameras| (self.operators.facet_gradients(&gradients), cameras));
+        let result = found.map(|cameras| (facet_gradients(&gradients), cameras));
         if let Some(adjoint) = &mut self.operators.adjoint {
             adjoint.gradients = Some(gradients);
         }
@@ -223,28 +219,18 @@ pub fn vector<T: Real>(state: &State) -> Result<&Vector<T>, TransportError> {
     T::vector(state).ok_or(TransportError::OtherBackend)
 }
 
-impl<T: Real> Operators<T> {
-    /// The derivatives by facets, those of clusters passed on to their triangles.
-    fn facet_gradients(&self, gradients: &[T]) -> Vec<FacetGradient> {
-        let plan = &self.context.plan;
-        let values = values(gradients);
-        let gradient = |v: &[f64]| {
-            let vector = |at: usize| DVec3::new(v[at], v[at + 1], v[at + 2]);
-            FacetGradient {
-                corners: [vector(0), vector(4), vector(8)],
-                normal: vector(12),
-                area: v[3],
-                characteristic_area: v[7],
-            }
-        };
-        let mut gradients: Vec<FacetGradient> = values.chunks_exact(GRADIENT).map(gradient).collect();
-        if let Some(clusters) = plan.clusters() {
-            let shares: Vec<f64> = values.chunks_exact(GRADIENT).map(|v| v[11]).collect();
-            clusters.pull_to_triangles(&plan.facets, &mut gradients, &shares);
-            gradients.truncate(plan.layout.order.len());
+/// The derivatives by facets, of each slot.
+fn facet_gradients<T: Real>(gradients: &[T]) -> Vec<FacetGradient> {
+    let gradient = |v: &[f64]| {
+        let vector = |at: usize| DVec3::new(v[at], v[at + 1], v[at + 2]);
+        FacetGradient {
+            corners: [vector(0), vector(4), vector(8)],
+            normal: vector(12),
+            area: v[3],
+            characteristic_area: v[7],
         }
-        gradients
-    }
+    };
+    values(gradients).chunks_exact(GRADIENT).map(gradient).collect()
 }
 
 impl<T: Real> LightOperator for AdjointOperator<'_, T> {

@@ -1,5 +1,6 @@
 //! Uᵀ between close triangles. Twin of crates/core/glsl/near_adjoint.comp.
 
+use super::far::N;
 use super::far_adjoint::{Importance, Scratch, Sums};
 use super::pieces::{ClosePair, Triangle};
 use super::real::Real;
@@ -10,21 +11,21 @@ use std::ops::Range;
 impl<T: Real> Importance<'_, T> {
     /// Adds to the bins of the sources of a block, behind the backs and in front, what their light matters to close receivers in a range of
     /// slots, and returns the sums of each.
-    pub(super) fn close_block<const N: usize>(
+    pub(super) fn close_block(
         &self,
         (near, slots): (&NearPairs, &Range<u32>),
         block: u32,
-        scratch: &mut Scratch<T, N>,
+        scratch: &mut Scratch<T>,
         [back, front]: [&mut [T]; 2],
-    ) -> [Sums<T>; N] {
+    ) -> Sums<T> {
         let cotangents = &self.cotangents;
         let (class, receiver_bins) = (self.shape.source, self.shape.receiver_bins);
         let (layout, half_range) = (&cotangents.layout, cotangents.half_range);
         let Scratch { pieces, backs, fronts, .. } = scratch;
         let own = |has: bool| if has { layout.count } else { 0 };
         let (backs, fronts) = (&mut backs[..own(class.blocker)], &mut fronts[..own(class.glossy)]);
-        let mut sums = [[[T::ZERO; 4]; 4]; N];
-        for (k, [sum, ..]) in sums.iter_mut().enumerate() {
+        let mut sums = [[T::ZERO; 4]; N];
+        for (k, sum) in sums.iter_mut().enumerate() {
             let slot = block * N as u32 + k as u32;
             let receivers = near.of(slot, slots);
             if receivers.is_empty() {

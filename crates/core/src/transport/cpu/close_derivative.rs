@@ -3,7 +3,7 @@
 
 use super::derivative::{By, Derivative, Gradient, gradient};
 use super::exchanged::{Coordinates, Ends, Exchanged, at, product};
-use super::far::{Sources, flag};
+use super::far::{BLOCK, N, Sources, flag};
 use super::far_adjoint::Receivers;
 use super::pairs::{cross, dot, far_weight, far_weight_slopes, minus, through_normalization, times};
 use super::pieces::{
@@ -34,11 +34,7 @@ struct Sums<T> {
 
 impl<T: Real> Derivative<'_, T> {
     /// Gradients of the N sources or receivers of a block, from their close partners.
-    pub(super) fn close_block<const N: usize>(
-        &self,
-        block: u32,
-        pieces: &mut PieceSlopes<T>,
-    ) -> [Gradient<T>; N] {
+    pub(super) fn close_block(&self, block: u32, pieces: &mut PieceSlopes<T>) -> [Gradient<T>; N] {
         let Self { light, cotangents, .. } = self;
         let mut gradients = [[T::ZERO; 16]; N];
         let (near, slots, by_source) = match &self.by {
@@ -49,7 +45,7 @@ impl<T: Real> Derivative<'_, T> {
         let class = self.shape.source;
         let receiver_bins = self.shape.receiver_bins;
         let half_range = light.half_range;
-        for (own, to) in self.by.own(block).zip(&mut gradients) {
+        for (own, to) in (block * BLOCK..).zip(&mut gradients) {
             let partners = near.of(own, slots);
             if partners.is_empty() {
                 continue;

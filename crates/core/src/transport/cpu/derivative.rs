@@ -1,11 +1,10 @@
 //! The derivative of ⟨λ, U L⟩ by the geometry of sources or receivers, block by block.
 
 use super::close_derivative::PieceSlopes;
-use super::far::{CLOSE_COST, Light, SMALL, Sources};
+use super::far::{BLOCK, CLOSE_COST, Light, N, SMALL, Sources};
 use super::far_adjoint::{Cotangents, Receivers};
 use super::far_derivative::Slopes;
 use super::real::Real;
-use crate::model::{LIST, SOURCES};
 use crate::transport::shape::Shape;
 use antirad_base::parallel;
 use std::ops::Range;
@@ -58,37 +57,19 @@ impl By<'_> {
     pub fn close(&self) -> bool {
         matches!(self, Self::Receivers(Sources::Close { .. }) | Self::Sources(Receivers::Close { .. }))
     }
-
-    /// The triangles or clusters of a block.
-    pub(super) fn own(&self, block: u32) -> Range<u32> {
-        match self {
-            Self::Receivers(_) => block * LIST..(block + 1) * LIST,
-            Self::Sources(of) => of.sources(block),
-        }
-    }
 }
 
 /// What a thread reuses.
-struct Scratch<T, const N: usize> {
+struct Scratch<T> {
     slopes: Slopes<T, N>,
     pieces: PieceSlopes<T>,
 }
 
 impl<T: Real> Derivative<'_, T> {
-    /// Adds the gradients of some blocks to those of all triangles and clusters.
+    /// Adds the gradients of some blocks to those of all triangles.
     pub fn add(&self, blocks: Range<u32>, gradients: &mut [T]) {
-        match self.by {
-            By::Sources(Receivers::Listed { .. }) => {
-                self.add_blocks::<{ SOURCES as usize }>(blocks, gradients);
-            }
-            _ => self.add_blocks::<{ LIST as usize }>(blocks, gradients),
-        }
-    }
-
-    /// Adds to `gradients` those of some blocks of N sources or receivers each.
-    fn add_blocks<const N: usize>(&self, blocks: Range<u32>, gradients: &mut [T]) {
-        let state = || Scratch::<T, N> { slopes: Slopes::NONE, pieces: PieceSlopes::NONE };
-        let summed = |scratch: &mut Scratch<T, N>, block: u32| match &self.by {
+        let state = || Scratch::<T> { slopes: Slopes::NONE, pieces: PieceSlopes::NONE };
+        let summed = |scratch: &mut Scratch<T>, block: u32| match &self.by {
             by if by.close() => self.close_block(block, &mut scratch.pieces),
             By::Receivers(of) => self.by_receivers(of, block, &mut scratch.slopes),
             By::Sources(of) => self.by_sources(of, block, &mut scratch.slopes),
@@ -102,11 +83,9 @@ impl<T: Real> Derivative<'_, T> {
         } else {
             parallel::map_init(blocks.clone(), state, summed)
         };
-        for (block, sums) in blocks.zip(sums) {
-            for (index, sum) in self.by.own(block).zip(sums) {
-                let to = &mut gradients[index as usize * GRADIENT..][..GRADIENT];
-                to.iter_mut().zip(sum).for_each(|(to, sum)| *to += sum);
-            }
+        let own = gradients[(blocks.start * BLOCK) as usize * GRADIENT..].chunks_exact_mut(GRADIENT);
+        for (to, sum) in own.zip(sums.as_flattened()) {
+            to.iter_mut().zip(sum).for_each(|(to, &sum)| *to += sum);
         }
     }
 }

@@ -1,10 +1,8 @@
 //! U: light from every triangle to every other, one group of sources after the other.
 
 use super::Operators;
-use super::clusters::Sources;
 use super::completion::{complete, complete_slots};
 use super::far::{self, BLOCK, Light, Received};
-use super::kept_pairs::KeptPairs;
 use super::near_matrix::NearMatrix;
 use super::real::Real;
 use super::reflection;
@@ -13,6 +11,7 @@ use super::state::Vector;
 use super::steps::{Kernel, Steps};
 use super::vectors::clear;
 use crate::backend::Array;
+use crate::model::Class;
 use crate::plan::{Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::transport::TransportError;
 use crate::transport::shape::Shape;
@@ -28,16 +27,12 @@ impl<T: Real> Operators<T> {
         emission: bool,
         y: &mut Vector<T>,
     ) -> Result<(), TransportError> {
-        let Self { context, outgoing, window, clusters, volumes, near, kept, steps, .. } = self;
+        let Self { context, outgoing, window, near, steps, .. } = self;
         let plan = &context.plan;
-        let backs = x.is_some();
-        let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
+        let passing = PAIR_FRONT | PAIR_NEAR | if x.is_some() { PAIR_BACK } else { 0 };
         steps.begin(plan.own_share(pairs(plan, false)));
         reflection::diffuse(context, &mut outgoing.radiance, x, emission);
         clear(y);
-        if let Some(volumes) = volumes {
-            volumes.clear();
-        }
         for (g, from) in plan.layout.groups.iter().enumerate() {
             let antiradiance = match x.filter(|_| from.class.blocker) {
                 Some(x) => show(context, x, g, window)?,
@@ -47,50 +42,34 @@ impl<T: Real> Operators<T> {
             let slots = plan.layout.slots_of(&from.tiles);
             let specular = outgoing.specular.of(plan, g);
             let triangles = Sources { class: from.class, indices: slots.clone(), antiradiance, specular };
-            if let Some(clusters) = clusters {
-                clusters.gather(context, &mut outgoing.radiance, g, &triangles, backs, steps)?;
-            }
             let sent = Sent { context, radiance: &outgoing.radiance, passing };
             let lit = receivers(plan, from, steps)?;
+            let lists = &plan.interactions().by_receiver;
             if near.is_none() {
                 for (t, to) in &lit {
-                    let pairs = &plan.interactions().by_receiver.near;
-                    let close = far::Sources::Close { near: pairs, slots: slots.clone() };
-                    sent.add(Kernel::Near, &triangles, (close, None), (*t, to), y, steps)?;
+                    let close = far::Sources::Close { near: &lists.near, slots: slots.clone() };
+                    sent.add(Kernel::Near, &triangles, close, (*t, to), y, steps)?;
                 }
             }
             add_near_matrix(context, near.as_ref(), Some((g, &triangles)), &outgoing.radiance, y, steps);
             for (t, to) in &lit {
-                let kept = kept.as_ref().and_then(|kept| kept.of(*t, g));
-                let far = (far::triangles(plan, from), kept);
+                let (runs, tiles, tile) = (&lists.far, from.tiles.clone(), plan.layout.tile);
+                let far = far::Sources::Tiles { runs, tiles, tile };
                 sent.add(Kernel::Far, &triangles, far, (*t, to), y, steps)?;
-            }
-            if let Some(clusters) = clusters {
-                if let Some(volumes) = volumes {
-                    steps.timed("volumes", "intensities", slots.len() as u64, || {
-                        volumes.add(context, &outgoing.radiance, &triangles, backs);
-                    });
-                }
-                let sources = clusters.sources(plan, g, backs)?;
-                for (t, to) in &lit {
-                    sent.add_listed(&sources, (*t, to), y, steps)?;
-                }
-            }
-        }
-        if let Some(volumes) = volumes {
-            volumes.sum(context)?;
-            if let Some(sources) = volumes.sources(plan) {
-                // Fronts are on both sides of volumes.
-                let passing = PAIR_FRONT | PAIR_BACK;
-                let sent = Sent { context, radiance: &outgoing.radiance, passing };
-                for t in 0..plan.layout.groups.len() {
-                    sent.add_listed(&sources, (t, &plan.own(t)), y, steps)?;
-                }
             }
         }
         add_near_matrix(context, near.as_ref(), None, &outgoing.radiance, y, steps);
         Ok(complete_slots(context.cpu.ranks(), plan, &mut y.irradiance, SLOT)?)
     }
+}
+
+/// The triangles of a group as sources, with their bins in one page.
+#[derive(Clone)]
+pub struct Sources<'a, T> {
+    pub class: Class,
+    pub indices: Range<u32>,
+    pub antiradiance: &'a [T],
+    pub specular: &'a [T],
 }
 
 /// What sources send, and to whom.
@@ -103,12 +82,12 @@ struct Sent<'a, T> {
 }
 
 impl<T: Real> Sent<'_, T> {
-    /// Adds what this rank's triangles `to` of a group receive from sources; with those, the pairs that are kept.
+    /// Adds what this rank's triangles `to` of a group receive from sources.
     fn add(
         &self,
         kernel: Kernel,
         sources: &Sources<T>,
-        (from, kept): (far::Sources, Option<&[KeptPairs<T>]>),
+        from: far::Sources,
         (t, to): (usize, &Group),
         y: &mut Vector<T>,
         steps: &mut Steps,
@@ -121,32 +100,11 @@ impl<T: Real> Sent<'_, T> {
             light: light(self.context, self.radiance, sources),
             sources_page: sources.indices.start,
             receivers_page: slots.start,
-            kept,
         };
         let pairs = |block| received.from.pairs(block);
         steps.over((kernel, received.shape), blocks(&slots), pairs, |blocks| {
             received.add(blocks, &mut y.irradiance, &mut y.bins[t]);
         })
-    }
-
-    /// Adds what clusters send.
-    fn add_listed(
-        &self,
-        sources: &Sources<T>,
-        to: (usize, &Group),
-        y: &mut Vector<T>,
-        steps: &mut Steps,
-    ) -> Result<(), TransportError> {
-        let plan = &self.context.plan;
-        let clusters = plan.clusters().ok_or_else(|| TransportError::missing("clusters"))?;
-        let first = sources.indices.start;
-        let from = far::Sources::Listed {
-            lists: clusters.sources(),
-            indices: sources.indices.clone(),
-            clusters: clusters.is_cluster(first).then(|| [clusters.first(), plan.sources()]),
-            volumes: clusters.is_volume(first),
-        };
-        self.add(Kernel::Far, sources, (from, None), to, y, steps)
     }
 }
 

@@ -1,12 +1,10 @@
 //! The derivative of ⟨λ, U L⟩ with respect to the geometry of all triangles: two passes over all pairs, one for each triangle as a source
 //! and one as a receiver.
 
-use super::adjoint::AdjointArrays;
-use super::clusters::{Sources, clusters_of};
-use super::completion::{complete, complete_slots};
+use super::completion::complete_slots;
 use super::derivative::{By, Derivative, GRADIENT};
-use super::exchange::{blocks, light, show};
-use super::exchange_adjoint::{cluster_cotangents, cotangents};
+use super::exchange::{Sources, blocks, light, show};
+use super::exchange_adjoint::cotangents;
 use super::far;
 use super::far_adjoint::Receivers;
 use super::real::Real;
@@ -14,11 +12,10 @@ use super::scene::{Context, reals};
 use super::state::Vector;
 use super::steps::{Kernel, Steps};
 use super::{Operators, observation_adjoint, reflection};
-use crate::model::LIST;
 use crate::plan::{Group, Interactions, PADDING, Plan};
 use crate::transport::TransportError;
 use crate::transport::shape::Shape;
-use crate::transport::work::{pairs, pairs_by_source};
+use crate::transport::work::pairs;
 use antirad_scene::Movable;
 use glam::DVec3;
 use std::ops::Range;
@@ -36,22 +33,13 @@ impl<T: Real> Operators<T> {
         let plan = &self.context.plan;
         reflection::diffuse(&self.context, &mut self.outgoing.radiance, Some(x), true);
         if let Some(movable) = movable {
-            // With clusters, their cotangents are computed once more.
-            let by_source = pairs_by_source(plan, true);
-            let again = if plan.clusters().is_some() { by_source } else { 0 };
-            self.steps.begin(plan.own_share(pairs(plan, true) + by_source + again));
+            self.steps.begin(plan.own_share(2 * pairs(plan, true)));
             self.by_sources([x, cotangent], movable, gradients)?;
             self.by_receivers([x, cotangent], movable, gradients)?;
-            if self.context.plan.clusters().is_some() {
-                self.through_clusters([x, cotangent], gradients)?;
-            }
         }
         let cameras = self.views(x, views, gradients)?;
         let (ranks, plan) = (self.context.cpu.ranks(), &self.context.plan);
         complete_slots(ranks, plan, gradients, GRADIENT)?;
-        for run in 0..plan.clusters().map_or(0, |clusters| clusters.runs().len()) {
-            complete(ranks, gradients, (0, GRADIENT), plan.clusters_by_rank(run))?;
-        }
         Ok(cameras)
     }
 
@@ -100,9 +88,7 @@ impl<T: Real> Operators<T> {
                         gradients,
                         steps,
                     )?;
-                    if plan.clusters().is_none() {
-                        ends.add(Kernel::FarDerivative, By::Sources(far.clone()), own, gradients, steps)?;
-                    }
+                    ends.add(Kernel::FarDerivative, By::Sources(far.clone()), own, gradients, steps)?;
                 }
             }
         }
@@ -148,64 +134,9 @@ impl<T: Real> Operators<T> {
                         gradients,
                         steps,
                     )?;
-                    if plan.clusters().is_none() {
-                        ends.add(Kernel::FarDerivative, By::Receivers(far.clone()), own, gradients, steps)?;
-                    }
+                    ends.add(Kernel::FarDerivative, By::Receivers(far.clone()), own, gradients, steps)?;
                 }
             }
-        }
-        Ok(())
-    }
-
-    /// What far triangles and clusters contribute where clusters stand for triangles.
-    fn through_clusters(
-        &mut self,
-        [x, cotangent]: [&Vector<T>; 2],
-        gradients: &mut [T],
-    ) -> Result<(), TransportError> {
-        let Self { context, outgoing, window, window_beside, clusters, steps, adjoint, .. } = self;
-        let plan = &context.plan;
-        let adjoint = adjoint.as_mut().ok_or(TransportError::NotPlanned)?;
-        let all = plan.clusters().ok_or_else(|| TransportError::missing("clusters"))?;
-        let lists = all.receivers().ok_or(TransportError::NotPlanned)?;
-        let clusters = clusters.as_mut().ok_or_else(|| TransportError::missing("clusters"))?;
-        for (s, from) in plan.layout.groups.iter().enumerate() {
-            reflection::specular(context, &mut outgoing.specular, (Some(x), true), s, steps)?;
-            let slots = plan.layout.slots_of(&from.tiles);
-            let triangles = Sources {
-                class: from.class,
-                indices: slots,
-                antiradiance: show(context, x, s, window)?,
-                specular: outgoing.specular.of(plan, s),
-            };
-            clusters.gather(context, &mut outgoing.radiance, s, &triangles, true, steps)?;
-            let of_clusters = clusters.sources(plan, s, true)?;
-            let own_triangles = plan.layout.slots_of(&plan.own(s).tiles);
-            for (t, to) in plan.layout.groups.iter().enumerate() {
-                let incident = show(context, cotangent, t, window_beside)?;
-                let slots = plan.layout.slots_of(&to.tiles);
-                let range = slots.start / LIST..slots.end / LIST;
-                let receivers = blocks(&plan.layout.slots_of(&plan.own(t).tiles));
-                for (sources, own) in
-                    [(&triangles, own_triangles.clone()), (&of_clusters, plan.own_clusters(s))]
-                {
-                    let moments =
-                        all.is_cluster(sources.indices.start).then(|| [all.first(), plan.sources()]);
-                    let ends =
-                        Ends { context, sources, radiance: &outgoing.radiance, to, cotangent, incident };
-                    let groups = lists.groups(&own);
-                    let onto =
-                        Receivers::Listed { lists, range: range.clone(), sources: own, clusters: moments };
-                    ends.add(Kernel::FarDerivative, By::Sources(onto), groups, gradients, steps)?;
-                    let (lists, indices) = (all.sources(), sources.indices.clone());
-                    let of = far::Sources::Listed { lists, indices, clusters: moments, volumes: false };
-                    ends.add(Kernel::FarDerivative, By::Receivers(of), receivers.clone(), gradients, steps)?;
-                }
-            }
-            cluster_cotangents(context, adjoint, s, None, cotangent, window_beside, steps)?;
-            let AdjointArrays { clusters: Some(cotangents), .. } = &*adjoint else { continue };
-            let of = clusters_of(plan, s)?;
-            cotangents.shares(context, of, &outgoing.radiance, [&triangles, &of_clusters], gradients);
         }
         Ok(())
     }

@@ -1,20 +1,19 @@
-//! U from far sources, point to point, and the walk over blocks of receivers. Twin of crates/core/glsl/transport_irradiance.comp, transport_bins.comp,
-//! cluster_irradiance.comp and cluster_bins.comp.
+//! U from far sources, point to point, and the walk over blocks of receivers. Twin of crates/core/glsl/transport_irradiance.comp,
+//! transport_bins.comp.
 
-use super::kept_pairs::{KeptPair, KeptPairs};
-use super::pairs::{CLUSTERS, Facet, Facets, Pairs, TRIANGLES, VOLUMES};
+use super::pairs::{Facet, Facets, Pairs};
 use super::pieces::Pieces;
 use super::real::Real;
 use super::taps::{Layout, add, flush};
-use crate::model::{Class, ENTRY_BITS, LIST, SourceLists};
-use crate::plan::{FarRuns, Group, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::model::Class;
+use crate::plan::{FarRuns, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR};
 use crate::transport::shape::Shape;
 use antirad_base::parallel;
 use antirad_gpu::vectorised;
 use std::ops::Range;
 
 /// Neighbouring receivers that a thread takes at a time.
-pub const BLOCK: u32 = LIST;
+pub const BLOCK: u32 = 32;
 pub(super) const N: usize = BLOCK as usize;
 /// Numbers of an RGB value of a slot.
 pub(super) const SLOT: usize = 4;
@@ -34,8 +33,6 @@ pub struct Received<'a, T> {
     pub sources_page: u32,
     /// The slot with which those of the receivers begin.
     pub receivers_page: u32,
-    /// What passes, by block of receivers from that slot on, where it is kept.
-    pub kept: Option<&'a [KeptPairs<T>]>,
 }
 
 /// The sources of blocks of receivers.
@@ -43,9 +40,6 @@ pub struct Received<'a, T> {
 pub enum Sources<'a> {
     /// Triangles in a range of tiles.
     Tiles { runs: &'a FarRuns, tiles: Range<u32>, tile: u32 },
-    /// Entries in a range of indices of lists. `clusters`: where the entries are clusters, the index of the
-    /// first of all and that of its first moment. `volumes`: whether they are volume clusters.
-    Listed { lists: &'a SourceLists, indices: Range<u32>, clusters: Option<[u32; 2]>, volumes: bool },
     /// Close triangles in a range of slots, piece by piece.
     Close { near: &'a NearPairs, slots: Range<u32> },
 }
@@ -59,10 +53,6 @@ impl Sources<'_> {
                     (run.start * tile..run.end * tile).for_each(|slot| with(slot, bits));
                 }
             }
-            Self::Listed { lists, indices, .. } => {
-                let bits = (1 << ENTRY_BITS) - 1;
-                lists.of(block, indices).iter().for_each(|entry| with(entry >> ENTRY_BITS, entry & bits));
-            }
             Self::Close { .. } => {}
         }
     }
@@ -71,26 +61,9 @@ impl Sources<'_> {
     pub fn pairs(&self, block: u32) -> u64 {
         match self {
             Self::Tiles { tiles, tile, .. } => u64::from(BLOCK * tile) * tiles.len() as u64,
-            Self::Listed { lists, indices, .. } => u64::from(BLOCK) * lists.of(block, indices).len() as u64,
             Self::Close { near, slots } => {
                 (block * BLOCK..(block + 1) * BLOCK).map(|slot| near.of(slot, slots).len() as u64).sum()
             }
-        }
-    }
-
-    pub(super) fn clusters(&self) -> Option<[u32; 2]> {
-        match self {
-            Self::Tiles { .. } | Self::Close { .. } => None,
-            Self::Listed { clusters, .. } => *clusters,
-        }
-    }
-
-    /// What the sources are: [`TRIANGLES`], [`CLUSTERS`] or [`VOLUMES`].
-    fn kind(&self) -> u8 {
-        match self {
-            Self::Listed { volumes: true, .. } => VOLUMES,
-            Self::Listed { clusters: Some(_), .. } => CLUSTERS,
-            _ => TRIANGLES,
         }
     }
 }
@@ -107,13 +80,7 @@ impl<T: Real> Received<'_, T> {
         let state = || Scratch::new(if self.shape.receiver_bins { N * layout.count } else { 0 });
         let received = |scratch: &mut Scratch<T>, (block, incident): (u32, &mut [T])| match &self.from {
             Sources::Close { near, slots } => self.close_block((near, slots), block, scratch, incident),
-            _ => match self.kept {
-                Some(kept) => {
-                    let kept = &kept[(block - self.receivers_page / BLOCK) as usize];
-                    self.kept_block(kept, &mut scratch.bins, incident)
-                }
-                None => self.block(block, scratch, incident),
-            },
+            Sources::Tiles { .. } => self.block(block, scratch, incident),
         };
         let close = matches!(self.from, Sources::Close { .. });
         let small = if close { SMALL / CLOSE_COST } else { SMALL };
@@ -135,7 +102,6 @@ impl<T: Real> Received<'_, T> {
         let light = &self.light;
         let (receivers, exists) = self.receivers(block);
         let layout = &light.layout;
-        let (clusters, kind) = (self.from.clusters(), self.from.kind());
         let Scratch { pairs, bins, .. } = scratch;
         let mut sums = [[T::ZERO; 4]; N];
         let mut planes = [[T::ZERO; N]; 3];
@@ -154,16 +120,21 @@ impl<T: Real> Received<'_, T> {
                         return;
                     }
                     any = true;
-                    let sent = if kind == VOLUMES { Sent::NONE } else { light.of(index, clusters) };
+                    let radiance = light.radiance(index);
                     if !self.shape.any_bins() {
-                        return sent.add_diffuse(pairs, &mut planes);
+                        for (sums, radiance) in planes.iter_mut().zip(radiance) {
+                            for k in 0..N {
+                                sums[k] += pairs.weight[k] * radiance;
+                            }
+                        }
+                        return;
                     }
                     let glossy = self.shape.source.glossy;
                     let (front, back) =
                         light.bins_of(index - self.sources_page, Class { blocker: backs, glossy });
                     for k in 0..N {
                         if pairs.weight[k] > T::ZERO {
-                            let value = sent.towards(k, pairs, layout, front, back);
+                            let value = towards(k, pairs, layout, radiance, (front, back));
                             if self.shape.receiver_bins {
                                 let own = &mut bins[k * layout.count..][..layout.count];
                                 pairs.at_receiver.scatter(k, layout, own, value);
@@ -198,14 +169,10 @@ impl<T: Real> Received<'_, T> {
         let backs = self.shape.source.blocker && bits & PAIR_BACK != 0;
         let sides = [flag::<T>(bits & PAIR_FRONT != 0), flag(backs)];
         let sides = |k: usize| [sides[0] * exists[k], sides[1] * exists[k]];
-        match self.from.kind() {
-            VOLUMES => pairs.weigh::<VOLUMES>(|_| source, |k| receivers.get(k), sides),
-            CLUSTERS => pairs.weigh::<CLUSTERS>(|_| source, |k| receivers.get(k), sides),
-            _ => pairs.weigh::<TRIANGLES>(|_| source, |k| receivers.get(k), sides),
-        }
+        pairs.weigh(|_| source, |k| receivers.get(k), sides);
         if bits & PAIR_NEAR != 0 {
             let areas = |k| source.characteristic_area + receivers.get(k).characteristic_area;
-            pairs.blend(light.half_range, areas, |_| T::ONE);
+            pairs.blend(light.half_range, areas);
         }
         let passing = pairs.passing();
         if passing[0] && self.shape.source.glossy || passing[1] {
@@ -215,55 +182,6 @@ impl<T: Real> Received<'_, T> {
             pairs.aim_at(&light.layout, |k| receivers.get(k));
         }
         passing
-    }
-
-    /// What passes to the receivers of a block, to be kept.
-    pub fn keep(&self, block: u32, pairs: &mut Pairs<T, N>) -> KeptPairs<T> {
-        let (receivers, exists) = self.receivers(block);
-        let mut kept = KeptPairs::NONE;
-        self.from.visit(block, |index, bits| {
-            let passing = vectorised(
-                #[inline(always)]
-                || self.pass((index, bits & self.passing), &receivers, &exists, pairs),
-            );
-            if passing != [false; 2] {
-                kept.push(index, pairs, self.shape);
-            }
-        });
-        kept
-    }
-
-    /// [`block`](Self::block), from what is kept.
-    fn kept_block(&self, kept: &KeptPairs<T>, bins: &mut [[T; 4]], incident: &mut [T]) -> [[T; 4]; N] {
-        let Light { layout, .. } = &self.light;
-        let Class { blocker, glossy, .. } = self.shape.source;
-        let class = Class { blocker: blocker && self.passing & PAIR_BACK != 0, glossy };
-        let mut sums = [[T::ZERO; 4]; N];
-        for (source, pairs) in kept.of(&(0..u32::MAX), glossy) {
-            let radiance = self.light.radiance(source);
-            let (front, back) = self.light.bins_of(source - self.sources_page, class);
-            for KeptPair { receiver, weight, at_receiver, at_source } in pairs {
-                let mut value = [T::ZERO; 4];
-                if weight > T::ZERO {
-                    add(&mut value, weight, radiance);
-                }
-                let from = if weight > T::ZERO { front } else { back };
-                match at_source {
-                    Some(tap) if !from.is_empty() => add(&mut value, weight, tap.gather(layout, from)),
-                    // Without incident light there is no antiradiance.
-                    _ if weight < T::ZERO => continue,
-                    _ => {}
-                }
-                if let Some(tap) = at_receiver {
-                    tap.scatter(layout, &mut bins[receiver * layout.count..][..layout.count], value);
-                }
-                add(&mut sums[receiver], T::ONE, value);
-            }
-        }
-        if self.shape.receiver_bins {
-            self.flush(bins, incident);
-        }
-        sums
     }
 
     /// The receivers of a block, and 1 for those that exist: padding is within the horizon of everything.
@@ -278,22 +196,6 @@ impl<T: Real> Received<'_, T> {
         let Light { layout, bin_table, .. } = &self.light;
         let own = bins.chunks_exact_mut(layout.count).zip(incident.chunks_exact_mut(self.light.bins));
         own.for_each(|(bins, to)| flush(layout, bins, |bin| T::ONE / bin_table[SLOT * bin + 3], to));
-    }
-}
-
-/// The far triangles of a group, where each of them stands for itself.
-pub fn triangles<'a>(plan: &'a Plan, group: &Group) -> Sources<'a> {
-    match plan.clusters() {
-        None => {
-            let (runs, tile) = (&plan.interactions().by_receiver.far, plan.layout.tile);
-            Sources::Tiles { runs, tiles: group.tiles.clone(), tile }
-        }
-        Some(clusters) => Sources::Listed {
-            lists: clusters.sources(),
-            indices: plan.layout.slots_of(&group.tiles),
-            clusters: None,
-            volumes: false,
-        },
     }
 }
 
@@ -331,25 +233,8 @@ pub struct Light<'a, T> {
     pub bins: usize,
 }
 
-/// The diffuse light of a source.
-struct Sent<T> {
-    radiance: [T; 4],
-    /// The first moment of that of a cluster, otherwise zero.
-    moment: Option<[[T; 4]; 3]>,
-}
-
 impl<T: Real> Light<'_, T> {
-    fn of(&self, index: u32, clusters: Option<[u32; 2]>) -> Sent<T> {
-        Sent { radiance: self.radiance(index), moment: clusters.map(|of| self.moment(index, of)) }
-    }
-
-    /// The first moment of a cluster's radiance, by the index of the first of all clusters and that of its moment.
-    pub fn moment(&self, index: u32, [first, moments]: [u32; 2]) -> [[T; 4]; 3] {
-        let rows = moments + 3 * (index - first);
-        [rows, rows + 1, rows + 2].map(|row| self.radiance(row))
-    }
-
-    /// Diffuse radiance, or a row of its moment.
+    /// Diffuse radiance.
     pub fn radiance(&self, at: u32) -> [T; 4] {
         let value = &self.radiance[at as usize * SLOT..][..SLOT];
         [value[0], value[1], value[2], T::ZERO]
@@ -365,41 +250,24 @@ impl<T: Real> Light<'_, T> {
     }
 }
 
-impl<T: Real> Sent<T> {
-    const NONE: Self = Self { radiance: [T::ZERO; 4], moment: None };
-
-    /// Adds what fronts send, by channel.
-    #[inline(always)]
-    fn add_diffuse(&self, pairs: &Pairs<T, N>, sums: &mut [[T; N]; 3]) {
-        for (c, sums) in sums.iter_mut().enumerate() {
-            for k in 0..N {
-                sums[k] += pairs.weight[k] * self.radiance[c];
-            }
-            if let Some(moment) = &self.moment {
-                for k in 0..N {
-                    let row = |row: usize| moment[row][c] * pairs.slope[row][k];
-                    sums[k] += row(0) + row(1) + row(2);
-                }
-            }
+/// The irradiance of one receiver, from the diffuse radiance of a source and its bins in front and behind.
+#[inline(always)]
+fn towards<T: Real>(
+    k: usize,
+    pairs: &Pairs<T, N>,
+    layout: &Layout<T>,
+    radiance: [T; 4],
+    (front, back): (&[T], &[T]),
+) -> [T; 4] {
+    let weight = pairs.weight[k];
+    let mut value = [T::ZERO; 4];
+    if pairs.front[k] > T::ZERO {
+        add(&mut value, weight, radiance);
+        if !front.is_empty() {
+            add(&mut value, weight, pairs.at_source.gather(k, layout, front));
         }
+    } else {
+        add(&mut value, -weight, pairs.at_source.gather(k, layout, back));
     }
-
-    /// The irradiance of one receiver; `front` and `back`: bins of the source.
-    #[inline(always)]
-    fn towards(&self, k: usize, pairs: &Pairs<T, N>, layout: &Layout<T>, front: &[T], back: &[T]) -> [T; 4] {
-        let weight = pairs.weight[k];
-        let mut value = [T::ZERO; 4];
-        if pairs.front[k] > T::ZERO {
-            add(&mut value, weight, self.radiance);
-            if !front.is_empty() {
-                add(&mut value, weight, pairs.at_source.gather(k, layout, front));
-            }
-            if let Some(moment) = &self.moment {
-                moment.iter().zip(&pairs.slope).for_each(|(&row, slope)| add(&mut value, slope[k], row));
-            }
-        } else {
-            add(&mut value, -weight, pairs.at_source.gather(k, layout, back));
-        }
-        value
-    }
+    value
 }

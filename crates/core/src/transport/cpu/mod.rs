@@ -7,8 +7,6 @@ mod adjoint;
 mod close;
 mod close_adjoint;
 mod close_derivative;
-mod clusters;
-mod clusters_adjoint;
 mod completion;
 mod derivative;
 mod exchange;
@@ -18,7 +16,6 @@ mod exchanged;
 mod far;
 mod far_adjoint;
 mod far_derivative;
-mod kept_pairs;
 mod lobes;
 mod near_matrix;
 mod observation;
@@ -33,7 +30,6 @@ mod state;
 mod steps;
 mod taps;
 mod vectors;
-mod volumes;
 
 pub use real::Real;
 pub use state::Vector;
@@ -47,33 +43,23 @@ use crate::solve::{LightOperator, Orthonormalised};
 use adjoint::{AdjointArrays, AdjointOperator, vector};
 use antirad_base::usage::LabelReport;
 use antirad_scene::Scene;
-use clusters::ClusterLight;
 use glam::DVec3;
-use kept_pairs::KeptFar;
 use near_matrix::NearMatrix;
 use scene::{Context, Outgoing, SceneArrays, reals, rows, values};
 use state::Pool;
 use std::sync::Arc;
 use steps::Steps;
-use volumes::VolumeLight;
 
 /// All operators over one planned scene, and its current outgoing light.
 pub struct Operators<T: Real> {
     context: Context<T>,
     outgoing: Outgoing<T>,
     pool: Arc<Pool<T>>,
-    /// Room for the bins of a group where several ranks hold them; `window_beside` for a second one, where
-    /// derivatives need two.
+    /// Room for the bins of a group where several ranks hold them.
     window: Option<Array<T>>,
-    window_beside: Option<Array<T>>,
-    /// Light of clusters, and of volume clusters; `None` where none are planned.
-    clusters: Option<ClusterLight<T>>,
-    volumes: Option<VolumeLight<T>>,
     /// The near-field matrix and its transpose; `None` where close pairs are evaluated in each pass.
     near: Option<NearMatrix<T>>,
     near_transposed: Option<NearMatrix<T>>,
-    /// Far pairs; `None` where they are evaluated in each pass.
-    kept: Option<KeptFar<T>>,
     /// Cotangents; `None` where no gradients are planned.
     adjoint: Option<AdjointArrays<T>>,
     steps: Steps,
@@ -102,12 +88,8 @@ impl<T: Real> Operators<T> {
             outgoing: Outgoing::new(cpu, plan)?,
             pool: Pool::new(cpu, plan)?,
             window: several.then(window).transpose()?,
-            window_beside: (several && plan.shows_two()).then(window).transpose()?,
-            clusters: ClusterLight::new(cpu, plan)?,
-            volumes: VolumeLight::new(cpu, plan)?,
             near,
             near_transposed: transposed.map(|matrix| NearMatrix::new(cpu, matrix)).transpose()?,
-            kept: KeptFar::new(&context)?,
             adjoint: AdjointArrays::new(cpu, plan)?,
             steps: Steps::new(cpu),
             context,

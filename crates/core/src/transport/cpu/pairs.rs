@@ -8,11 +8,6 @@ use super::taps::{Layout, Taps};
 use crate::transport::scene_values::FACET;
 use std::f64::consts::FRAC_1_PI;
 
-/// Kinds of sources: triangles, clusters of one normal, and volumes.
-pub const TRIANGLES: u8 = 0;
-pub const CLUSTERS: u8 = 1;
-pub const VOLUMES: u8 = 2;
-
 /// Squared distances below this are rounding.
 pub const R2_MIN: f64 = 1e-12;
 /// The n.z at which frames are discontinuous: that of crates/core/src/model/facet.rs.
@@ -24,7 +19,6 @@ pub struct Facet<T> {
     pub centre: [T; 3],
     pub area: T,
     pub normal: [T; 3],
-    /// Characteristic area; of a cluster, the variance of its triangles in its plane.
     pub characteristic_area: T,
     sign: T,
     inverse: T,
@@ -77,7 +71,7 @@ pub fn through_normalization<T: Real>(by: [T; 3], direction: [T; 3], length: T) 
 }
 
 impl<T: Real> Facet<T> {
-    /// The facet with an index among all slots, clusters and volume clusters.
+    /// The facet of a slot.
     pub fn read(facets: &[T], index: u32) -> Self {
         let reals = &facets[index as usize * FACET..][..FACET];
         let sign = if reals[6] < T::of(DISCONTINUITY) { -T::ONE } else { T::ONE };
@@ -161,8 +155,6 @@ pub struct Pairs<T, const N: usize> {
     pub weight: [T; N],
     /// 1 where the front of the source sends it, otherwise 0.
     pub front: [T; N],
-    /// Gradient of the weight along the plane of the cluster, per unit of length; zero at the back.
-    pub slope: [[T; N]; 3],
     /// Bilinear weights at the source, of light that leaves the front or was incident on it, and at the
     /// receiver.
     pub at_source: Taps<T, N>,
@@ -175,16 +167,15 @@ impl<T: Real, const N: usize> Pairs<T, N> {
     pub const NONE: Self = Self {
         weight: [T::ZERO; N],
         front: [T::ZERO; N],
-        slope: [[T::ZERO; N]; 3],
         at_source: Taps::NONE,
         at_receiver: Taps::NONE,
         direction: [[T::ZERO; N]; 3],
         r2: [T::ZERO; N],
     };
 
-    /// Sets the weights. `sides`: 1 or 0 for the front and for the back of the source. `KIND`: of sources, [`TRIANGLES`] and so on.
+    /// Sets the weights. `sides`: 1 or 0 for the front and for the back of the source.
     #[inline(always)]
-    pub fn weigh<const KIND: u8>(
+    pub fn weigh(
         &mut self,
         source: impl Fn(usize) -> Facet<T>,
         receiver: impl Fn(usize) -> Facet<T>,
@@ -197,49 +188,22 @@ impl<T: Real, const N: usize> Pairs<T, N> {
             let (along, to) = (dot(d, i.normal), -dot(d, j.normal));
             let front = along > T::ZERO;
             let side = if front { fronts } else { backs };
-            // The intensity of volumes is net of cosines.
-            let from = if KIND == VOLUMES { r2.root() } else { along.magnitude() };
-            let sent = side * from * i.area / (r2 * (r2 + i.area * T::of(FRAC_1_PI)));
-            let mut cosine = to.most(T::ZERO);
-            if KIND == VOLUMES {
-                // `spread_in_space` of crates/core/glsl/spread.glsl.
-                let width = i.characteristic_area.root();
-                let above = (T::of(0.5) + T::of(0.5) * to / width.most(T::of(1e-12))).clamped();
-                cosine = if to > width { to } else { above * above * width };
-            }
-            if KIND == CLUSTERS {
-                let spread = i.characteristic_area;
-                let tilt = dot(j.normal, i.normal);
-                let tilt = if front { tilt } else { -tilt };
-                // `spread_over` of crates/core/glsl/spread.glsl.
-                let width = (T::of(1.5) * spread * (T::ONE - tilt * tilt)).most(T::ZERO).root();
-                let above = (T::of(0.5) + T::of(0.5) * to / width.most(T::of(1e-12))).clamped();
-                let mean = if to > width { to } else { above * above * width };
-                let change = mean - tilt * from - T::of(3.0) * mean * from * from / r2;
-                cosine = (mean + above * (T::of(2.0) * spread / r2) * change).most(T::ZERO);
-                let lit = if front && cosine > T::ZERO { sent } else { T::ZERO };
-                let (of_normal, of_line) = (lit * above, lit * (T::of(4.0) * mean / r2));
-                for a in 0..3 {
-                    self.slope[a][k] = of_normal * j.normal[a] + of_line * d[a];
-                }
-            }
+            let sent = side * along.magnitude() * i.area / (r2 * (r2 + i.area * T::of(FRAC_1_PI)));
             let inverse = T::ONE / r2.root();
             for a in 0..3 {
                 self.direction[a][k] = d[a] * inverse;
             }
-            self.weight[k] = sent * cosine;
+            self.weight[k] = sent * to.most(T::ZERO);
             self.front[k] = if front { T::ONE } else { T::ZERO };
             self.r2[k] = r2;
         }
     }
 
-    /// Multiplies the weights of pairs of triangles by what the near field leaves. `near`: 1 for pairs that
-    /// may be close, otherwise 0.
+    /// Multiplies the weights by what the near field leaves. `areas`: sums of characteristic areas.
     #[inline(always)]
-    pub fn blend(&mut self, half_range: T, areas: impl Fn(usize) -> T, near: impl Fn(usize) -> T) {
+    pub fn blend(&mut self, half_range: T, areas: impl Fn(usize) -> T) {
         for k in 0..N {
-            let far = far_weight(self.r2[k], half_range * areas(k));
-            self.weight[k] *= T::ONE + near(k) * (far - T::ONE);
+            self.weight[k] *= far_weight(self.r2[k], half_range * areas(k));
         }
     }
 

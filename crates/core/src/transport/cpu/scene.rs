@@ -15,7 +15,7 @@ pub const SLOT: usize = 4;
 
 /// What operators only read.
 pub struct SceneArrays<T> {
-    /// Centroid, area, normal and characteristic area of each slot, cluster and volume.
+    /// Centroid, area, normal and characteristic area of each slot.
     pub facets: Array<T>,
     /// Corners of each slot.
     pub corners: Array<T>,
@@ -72,7 +72,7 @@ impl<T: Real> SceneArrays<T> {
 
 /// Outgoing light of the fronts, E + K H, W/(m² sr).
 pub struct Outgoing<T> {
-    /// Diffuse radiance of each slot and cluster, four numbers; then its first moments, three rows for each cluster.
+    /// Diffuse radiance of each slot, four numbers.
     pub radiance: Array<T>,
     pub specular: Specular<T>,
 }

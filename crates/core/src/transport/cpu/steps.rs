@@ -11,7 +11,7 @@ use std::time::Instant;
 /// An operator over pairs of triangles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
-    /// Far pairs, and pairs of triangles with clusters.
+    /// Far pairs, point to point.
     Far,
     /// Close pairs, piece by piece.
     Near,

@@ -3,9 +3,6 @@
 //! irradiance and, per bin, of H(b).
 
 use super::bundle::PassMonitor;
-use super::clusters::Sources;
-use super::clusters_adjoint::ClusterCotangents;
-use super::completion::Values;
 use super::exchange_adjoint::ExchangeAdjoint;
 use super::exchange_derivative::ExchangeDerivative;
 use super::observation_adjoint::ObservationAdjoint;
@@ -16,7 +13,7 @@ use super::scene_buffers::filled;
 use super::specular::{Accumulated, Specular, SpecularCotangents};
 use super::state::{State, page_of};
 use super::{Context, Forward, all, of, real};
-use crate::model::{Clusters, FacetGradient};
+use crate::model::FacetGradient;
 use crate::plan::{PairLists, Piece, Plan};
 use crate::solve::{LightOperator, Orthonormalised};
 use crate::transport::TransportError;
@@ -36,10 +33,8 @@ pub struct AdjointBuffers {
     /// The cotangent of irradiance that a pass reads, vec4 per slot, as point-to-point kernels bind it of partners:
     /// unlike that of a state, it extends past the last slot.
     pub receivers: Buffer,
-    /// [`crate::plan::FarRuns`] by source; with clusters [`crate::model::ReceiverLists`].
+    /// [`crate::plan::FarRuns`] by source.
     pub far_runs: Buffer,
-    /// Cotangents of the light of clusters; `None` where no clusters are planned.
-    pub clusters: Option<ClusterCotangents>,
     pub near_offsets: Buffer,
     pub near_receivers: Buffer,
     /// `FacetGradient` of crates/core/glsl/facet_gradient.glsl, per slot.
@@ -66,7 +61,6 @@ impl AdjointKernels {
         let Some(PairLists { far, near }) = &plan.interactions().by_source else { return Ok(None) };
         let request = plan.options.gradients;
         let rgb = u64::from(plan.layout.slots()) * plan.rgb_bytes();
-        let sources = u64::from(plan.sources()) * plan.rgb_bytes();
         let storage = |label: &str, bytes: u64| Buffer::new(device, label, bytes, BufferKind::Storage);
         let lobes = request.lobes() && plan.classes.iter().any(|class| class.glossy);
         let geometry = request.geometry();
@@ -78,14 +72,10 @@ impl AdjointKernels {
                 "cotangent: receivers",
                 rgb + u64::from(plan.partner_slots()) * plan.rgb_bytes(),
             )?,
-            far_runs: match plan.clusters().and_then(Clusters::receivers) {
-                None => filled(device, "far runs, by source", far.words())?,
-                Some(lists) => filled(device, "cluster receivers", lists.words())?,
-            },
-            clusters: ClusterCotangents::new(device, plan)?,
+            far_runs: filled(device, "far runs, by source", far.words())?,
             near_offsets: filled(device, "near offsets, by source", &near.offsets)?,
             near_receivers: filled(device, "near receivers", &near.partners)?,
-            gradients: geometry.then(|| storage("facet gradients", 4 * sources)).transpose()?,
+            gradients: geometry.then(|| storage("facet gradients", 4 * rgb)).transpose()?,
             lobe_sums: lobes.then(|| storage("lobe sums", 2 * rgb)).transpose()?,
         };
         Ok(Some(Self {
@@ -243,36 +233,18 @@ impl Adjoint for AdjointOperator<'_> {
     ) -> Result<(Vec<FacetGradient>, Vec<DVec3>), TransportError> {
         let [x, cotangent] = [of(x)?, of(cotangent)?];
         self.operators.update_outgoing(Some(x), true, true)?;
-        let Forward { context, exchange: forward, reflection, monitor, .. } = &mut *self.operators;
-        let AdjointKernels { buffers, exchange, derivative, observation: of_views, .. } = &mut *self.adjoint;
+        let Forward { context, reflection, monitor, .. } = &mut *self.operators;
+        let AdjointKernels { buffers, derivative, observation: of_views, .. } = &mut *self.adjoint;
         let (Some(gradients), Some(derivative)) = (&buffers.gradients, derivative) else {
             return Err(TransportError::missing("derivatives with respect to geometry"));
         };
-        let count = u64::from(context.plan.sources()) * 16;
+        let count = u64::from(context.plan.layout.slots()) * 16;
         let precision = context.plan.settings.precision;
         let mut batch = context.device.batch()?;
         batch.fill(gradients, 0, count * precision.bytes(), 0)?;
         batch.defer()?;
         if let Some(movable) = movable {
             derivative.run(context, buffers, reflection, [x, cotangent], gradients, movable, monitor)?;
-            if let (Some(cotangents), Some(light)) = (&buffers.clusters, &forward.clusters) {
-                for (group, part) in context.plan.layout.groups.iter().cloned().enumerate() {
-                    // The windows hold whole groups where there are clusters.
-                    let piece = Piece { group, part };
-                    let [antiradiance, specular] = sent(context, reflection, &piece, x, monitor)?;
-                    let triangles = Sources {
-                        class: piece.part.class,
-                        indices: context.plan.layout.slots_of(&piece.part.tiles),
-                        antiradiance,
-                        specular,
-                    };
-                    let of_clusters = light.gather(context, group, &triangles, true)?;
-                    let sources = [&triangles, &of_clusters];
-                    derivative.listed(context, buffers, (group, sources), cotangent, gradients, monitor)?;
-                    exchange.clusters(context, buffers, (group, None), cotangent, monitor)?;
-                    cotangents.shares(context, group, sources, gradients)?;
-                }
-            }
         }
         if context.plan.has_first_bounce() && !views.is_empty() {
             self.operators.update_outgoing(Some(x), true, false)?;
@@ -288,12 +260,7 @@ impl Adjoint for AdjointOperator<'_> {
                 monitor,
             )?);
         }
-        let bytes = 16 * precision.bytes();
-        context.complete_slots(gradients, bytes)?;
-        for run in 0..context.plan.clusters().map_or(0, |clusters| clusters.runs().len()) {
-            let values = Values { offset: 0, first: 0, bytes };
-            context.complete(gradients, values, context.plan.clusters_by_rank(run))?;
-        }
+        context.complete_slots(gradients, 16 * precision.bytes())?;
         let values = real::download(&context.device, gradients, precision, 0..count)?;
         let gradient = |v: &[f64]| {
             let vector = |at: usize| DVec3::new(v[at], v[at + 1], v[at + 2]);
@@ -304,13 +271,7 @@ impl Adjoint for AdjointOperator<'_> {
                 characteristic_area: v[7],
             }
         };
-        let mut gradients: Vec<FacetGradient> = values.chunks_exact(16).map(gradient).collect();
-        if let Some(clusters) = context.plan.clusters() {
-            let shares: Vec<f64> = values.chunks_exact(16).map(|v| v[11]).collect();
-            clusters.pull_to_triangles(&context.plan.facets, &mut gradients, &shares);
-            gradients.truncate(context.plan.layout.order.len());
-        }
-        Ok((gradients, camera_positions))
+        Ok((values.chunks_exact(16).map(gradient).collect(), camera_positions))
     }
 }
 

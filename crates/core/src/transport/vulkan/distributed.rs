@@ -125,7 +125,6 @@ pub struct Windows {
     distributed: Distributed,
     /// Room for the bins of a group, of all ranks.
     window: Option<Buffer>,
-    beside: Option<Buffer>,
     /// The slots of each group whose bins this rank holds.
     own: Vec<Range<u32>>,
 }
@@ -139,15 +138,13 @@ impl Windows {
         Ok(Self {
             distributed: Distributed::new(device, plan),
             window: (largest > 0).then(buffer).transpose()?,
-            beside: (largest > 0 && plan.shows_two()).then(buffer).transpose()?,
             own: (0..plan.layout.groups.len()).map(own).collect(),
         })
     }
 
-    /// A part in one of the two windows, with values to come.
-    fn view(&self, part: &Part, beside: bool) -> Result<View<'_>, TransportError> {
-        let window = if beside { &self.beside } else { &self.window };
-        let window = window.as_ref().ok_or_else(|| TransportError::missing("a window on bins"))?;
+    /// A part in the window, with values to come.
+    fn view(&self, part: &Part) -> Result<View<'_>, TransportError> {
+        let window = self.window.as_ref().ok_or_else(|| TransportError::missing("a window on bins"))?;
         Ok(View::resident(window, part.slots().map_or(0, |slots| slots.start), part.bytes()))
     }
 
@@ -163,14 +160,13 @@ pub struct OnDevices {
 }
 
 impl OnDevices {
-    /// The bins of a part, allgathered into one of the two windows (`beside`: the second); irradiance in the
-    /// buffer that holds it. All ranks call it.
+    /// The bins of a part, allgathered into the window; irradiance in the buffer that holds it. All ranks call it.
     ///
     /// # Errors
     /// Fails if the device does, or if another rank has ended.
-    pub fn show(&self, device: &Device, part: &Part, beside: bool) -> Result<View<'_>, TransportError> {
+    pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         let Part::Bins { group, slots, .. } = part else { return self.buffers.view(part) };
-        let view = self.windows.view(part, beside)?;
+        let view = self.windows.view(part)?;
         let own = |some: &Range<u32>, values: &mut [u8]| self.copy(device, *group, some, values);
         self.windows.distributed.gather_into(device, &view, slots, own)?;
         Ok(view)
@@ -185,7 +181,6 @@ impl OnDevices {
         &self,
         device: &Device,
         parts: &[Option<Part>],
-        beside: bool,
         with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         let windows = &*self.windows;
@@ -206,7 +201,7 @@ impl OnDevices {
             values.copy_from_slice(&held[first..][..values.len()]);
             Ok(())
         };
-        windows.distributed.each(device, parts, own, |part| windows.view(part, beside), with)
+        windows.distributed.each(device, parts, own, |part| windows.view(part), with)
     }
 
     /// The bytes of a part, whichever ranks hold them. All ranks call it.

@@ -1,13 +1,11 @@
 //! U: light from every triangle to every other.
 
 use super::bundle::PassMonitor;
-use super::clusters::{ClusterLight, Sources as ClusterSources};
 use super::near_matrix::NearMatrix;
 use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::State;
 use super::sweep::{Between, Kernels, Sweep, of_partners};
-use super::volumes::VolumeLight;
 use super::{Context, bin_constants};
 use crate::plan::{Block, Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Piece, Plan};
 use crate::shaders;
@@ -59,19 +57,11 @@ pub struct Exchange {
     sweeps: Vec<(Shape, Sweep)>,
     /// The near-field matrix; `None` where close pairs are evaluated in each pass.
     near_matrix: Option<NearMatrix>,
-    /// Light of clusters, and of volume clusters; `None` where none are planned.
-    pub(super) clusters: Option<ClusterLight>,
-    volumes: Option<VolumeLight>,
 }
 
 impl Exchange {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
-        Ok(Self {
-            sweeps: Self::kernels(device, plan)?,
-            near_matrix: NearMatrix::forward(device, plan)?,
-            clusters: ClusterLight::new(device, plan)?,
-            volumes: VolumeLight::new(device, plan)?,
-        })
+        Ok(Self { sweeps: Self::kernels(device, plan)?, near_matrix: NearMatrix::forward(device, plan)? })
     }
 
     /// Compiles the kernels of U over pairs, by shape.
@@ -80,15 +70,12 @@ impl Exchange {
     /// Fails if the device cannot compile one.
     pub fn kernels(device: &Device, plan: &Plan) -> Result<Vec<(Shape, Sweep)>, GpuError> {
         let kernels = |shape: Shape| Kernels {
-            far: match (shape.any_bins(), plan.clusters().is_some()) {
-                (true, false) => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
-                (false, false) => (&shaders::TRANSPORT_IRRADIANCE, Bindings { storage: 3, uniform: 2 }),
-                (true, true) => (&shaders::CLUSTER_BINS, Bindings::from(8)),
-                (false, true) => (&shaders::CLUSTER_IRRADIANCE, Bindings::from(4)),
+            far: match shape.any_bins() {
+                true => (&shaders::TRANSPORT_BINS, Bindings { storage: 7, uniform: 2 }),
+                false => (&shaders::TRANSPORT_IRRADIANCE, Bindings { storage: 3, uniform: 2 }),
             },
             near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR, 11)),
             single: shape.any_bins(),
-            by_source: false,
             constants: shape_constants(shape, plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.source.has_bins()),
@@ -117,9 +104,6 @@ impl Exchange {
         let backs = x.is_some();
         let passing = PAIR_FRONT | PAIR_NEAR | if backs { PAIR_BACK } else { 0 };
         let pass = Pass { context, irradiance: &irradiance, backs, passing };
-        if let Some(volumes) = &self.volumes {
-            volumes.clear(context)?;
-        }
         for (number, groups) in plan.sweeps().into_iter().enumerate() {
             // What the sweep begins with, in one submission.
             let mut batch = device.batch()?;
@@ -134,16 +118,17 @@ impl Exchange {
                 let (piece, lit) = &wanted[of];
                 let specular = reflection.specular_under(context, piece, light.as_ref(), monitor)?;
                 let antiradiance = light.as_ref().map_or(context.scene.no_bins.whole(), View::slice);
-                self.add_piece(&pass, piece, [antiradiance, specular], lit, (y, number == 0), go_on, monitor)
+                // All that comes from other ranks is here.
+                go_on();
+                self.add_piece(&pass, piece, [antiradiance, specular], lit, y, monitor)
             };
             match x {
                 Some(x) => {
                     let parts: Vec<_> = wanted.iter().map(|(of, _)| Part::of_piece(plan, of)).collect();
-                    x.show_each(device, &parts, false, add_piece)?;
+                    x.show_each(device, &parts, add_piece)?;
                 }
                 None => (0..wanted.len()).try_for_each(|of| add_piece(of, None, &mut || {}))?,
             }
-            self.add_volumes(&pass, &receivers, number == 0, monitor)?;
             add_near_matrix(&mut self.near_matrix, context, None, y, monitor)?;
             receivers.into_iter().try_for_each(|to| to.incident.store(device))?;
         }
@@ -151,70 +136,26 @@ impl Exchange {
         irradiance.store(device)
     }
 
-    /// Adds what a piece of the sources sends to the receivers of a sweep: close triangles, then clusters and far triangles. `sent`: its
-    /// antiradiance and specular radiance. Volumes gather it in the first sweep.
-    #[expect(clippy::too_many_arguments, reason = "the operands of a sum, and what computes it")]
+    /// Adds what a piece of the sources sends to the receivers of a sweep: close triangles, then far ones. `sent`: its antiradiance and
+    /// specular radiance.
     fn add_piece(
         &mut self,
         pass: &Pass,
         piece: &Piece,
         sent: [BufferSlice; 2],
         lit: &[&Receivers],
-        (y, first_sweep): (&State, bool),
-        go_on: &mut dyn FnMut(),
+        y: &State,
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
-        let &Pass { context, backs, .. } = pass;
         let from = &piece.part;
-        let [antiradiance, specular] = sent;
-        let indices = context.plan.layout.slots_of(&from.tiles);
-        let triangles = ClusterSources { class: from.class, indices, antiradiance, specular };
-        let of_clusters = match &self.clusters {
-            Some(clusters) => Some(clusters.gather(context, piece.group, &triangles, backs)?),
-            None => None,
-        };
-        // All that comes from other ranks is here.
-        go_on();
         for to in lit {
-            pass.near(sweep_of(&mut self.sweeps, to.shape(from))?, &triangles, from, to, monitor)?;
+            pass.near(sweep_of(&mut self.sweeps, to.shape(from))?, sent, from, to, monitor)?;
         }
-        let there =
-            [(from.class.blocker && backs).then_some(antiradiance), from.class.glossy.then_some(specular)];
-        add_near_matrix(&mut self.near_matrix, context, Some((piece.group, there)), y, monitor)?;
-        let Some(of_clusters) = of_clusters else {
-            return lit.iter().try_for_each(|to| {
-                pass.far(sweep_of(&mut self.sweeps, to.shape(from))?, &triangles, from, to, monitor)
-            });
-        };
-        if let Some(volumes) = self.volumes.as_ref().filter(|_| first_sweep) {
-            volumes.add(context, &triangles, backs)?;
-        }
-        for sources in [&triangles, &of_clusters] {
-            for to in lit {
-                pass.listed(sweep_of(&mut self.sweeps, to.shape(from))?, sources, to, monitor)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Adds what volumes send, once their light has been gathered.
-    fn add_volumes(
-        &mut self,
-        pass: &Pass,
-        receivers: &[Receivers],
-        first_sweep: bool,
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Some(volumes) = &self.volumes else { return Ok(()) };
-        if first_sweep {
-            volumes.sum(pass.context)?;
-        }
-        // Fronts are on both sides of volumes.
-        let pass = Pass { passing: PAIR_FRONT | PAIR_BACK, ..*pass };
-        let sources = &volumes.sources(&pass.context.plan)?;
-        for to in receivers.iter().filter(|to| !to.group.tiles.is_empty()) {
-            let sweep = sweep_of(&mut self.sweeps, Shape::new(sources.class, to.group.class))?;
-            pass.listed(sweep, sources, to, monitor)?;
+        let there = [from.class.blocker && pass.backs, from.class.glossy];
+        let there = [there[0].then_some(sent[0]), there[1].then_some(sent[1])];
+        add_near_matrix(&mut self.near_matrix, pass.context, Some((piece.group, there)), y, monitor)?;
+        for to in lit {
+            pass.far(sweep_of(&mut self.sweeps, to.shape(from))?, sent, from, to, monitor)?;
         }
         Ok(())
     }
@@ -284,11 +225,11 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    /// Adds what close triangles send.
+    /// Adds what close triangles send, by their antiradiance and specular radiance.
     fn near(
         &self,
         sweep: &mut Sweep,
-        sources: &ClusterSources,
+        [antiradiance, specular]: [BufferSlice; 2],
         from: &Group,
         to: &Receivers,
         monitor: &mut PassMonitor,
@@ -299,8 +240,8 @@ impl Pass<'_> {
             outgoing.radiance.whole(),
             scene.corners.whole(),
             self.irradiance.slice(),
-            sources.antiradiance,
-            sources.specular,
+            antiradiance,
+            specular,
             to.incident.slice(),
             scene.near_offsets.whole(),
             scene.near_sources.whole(),
@@ -310,11 +251,11 @@ impl Pass<'_> {
         sweep.near(self.context, &between, &buffers, self.backs, monitor)
     }
 
-    /// Adds what far triangles send, where no clusters stand for them.
+    /// Adds what far triangles send.
     fn far(
         &self,
         sweep: &mut Sweep,
-        sources: &ClusterSources,
+        [antiradiance, specular]: [BufferSlice; 2],
         from: &Group,
         to: &Receivers,
         monitor: &mut PassMonitor,
@@ -324,8 +265,8 @@ impl Pass<'_> {
             scene.facets.whole(),
             scene.far_sources.whole(),
             self.irradiance.slice(),
-            sources.antiradiance,
-            sources.specular,
+            antiradiance,
+            specular,
             to.incident.slice(),
             scene.bin_table.whole(),
         ];
@@ -333,35 +274,6 @@ impl Pass<'_> {
         let between = Between::receivers(plan, &to.group, from, to.incident.first_slot);
         let partners = of_partners(self.context, &outgoing.radiance);
         sweep.far(self.context, &between, buffers, &partners, self.passing, monitor)
-    }
-
-    /// Adds what the far triangles of a group, its clusters, or volumes send, where clusters stand for triangles.
-    fn listed(
-        &self,
-        sweep: &mut Sweep,
-        sources: &ClusterSources,
-        to: &Receivers,
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Context { plan, scene, outgoing, .. } = self.context;
-        let (facets, lists) = (scene.facets.whole(), scene.far_sources.whole());
-        let (irradiance, radiance) = (self.irradiance.slice(), outgoing.radiance.whole());
-        let with_bins = [
-            facets,
-            lists,
-            irradiance,
-            sources.antiradiance,
-            sources.specular,
-            to.incident.slice(),
-            scene.bin_table.whole(),
-            radiance,
-        ];
-        let without = [facets, lists, irradiance, radiance];
-        let any_bins = Shape::new(sources.class, to.group.class).any_bins();
-        let buffers = if any_bins { &with_bins[..] } else { &without[..] };
-        let targets = (&plan.layout.slots_of(&to.group.tiles), to.incident.first_slot);
-        let partners = (&sources.indices, sources.indices.start);
-        sweep.listed(self.context, targets, partners, buffers, self.passing, monitor)
     }
 }
 

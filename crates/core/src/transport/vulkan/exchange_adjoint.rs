@@ -3,23 +3,18 @@
 use super::Context;
 use super::adjoint::AdjointBuffers;
 use super::bundle::PassMonitor;
-use super::clusters::clusters_of;
-use super::completion::Values;
 use super::exchange::{NEAR_TAKE, PLAIN_NEAR_TAKE, shape_constants, sweep_of, sweeps};
 use super::near_matrix::NearMatrix;
 use super::residency::{Part, View};
 use super::specular::Accumulated;
 use super::state::State;
 use super::sweep::{Between, Kernels, Sweep, of_partners};
-use super::sweep_receivers::FromSources;
-use crate::model::Class;
-use crate::plan::{Block, Group, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
+use crate::plan::{Block, IncidentPart, OutgoingPart, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Plan};
 use crate::shaders;
 use crate::transport::TransportError;
 use crate::transport::shape::Shape;
-use crate::transport::work::pairs_by_source;
+use crate::transport::work::pairs;
 use antirad_gpu::{Bindings, BufferSlice, Device, GpuError};
-use std::ops::Range;
 
 pub struct ExchangeAdjoint {
     sweeps: Vec<(Shape, Sweep)>,
@@ -40,13 +35,11 @@ impl ExchangeAdjoint {
     pub fn kernels(device: &Device, plan: &Plan) -> Result<Vec<(Shape, Sweep)>, GpuError> {
         let kernels = |shape: Shape| Kernels {
             far: match shape.any_bins() {
-                _ if plan.clusters().is_some() => (&shaders::CLUSTER_ADJOINT, Bindings::from(9)),
                 true => (&shaders::TRANSPORT_BINS_ADJOINT, Bindings { storage: 7, uniform: 2 }),
                 false => (&shaders::TRANSPORT_IRRADIANCE_ADJOINT, Bindings { storage: 3, uniform: 2 }),
             },
             near: plan.near_field_matrix().is_none().then_some((&shaders::NEAR_ADJOINT, 11)),
-            single: shape.any_bins() || plan.clusters().is_some(),
-            by_source: true,
+            single: shape.any_bins(),
             constants: shape_constants(shape, plan),
             take: if shape.source.has_bins() { NEAR_TAKE } else { PLAIN_NEAR_TAKE },
             gathers: u64::from(shape.receiver_bins),
@@ -69,7 +62,7 @@ impl ExchangeAdjoint {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let plan = &context.plan;
-        monitor.begin(plan.own_share(pairs_by_source(plan, false)));
+        monitor.begin(plan.own_share(pairs(plan, false)));
         adjoint.copy_receivers(context, x)
     }
 
@@ -94,7 +87,7 @@ impl ExchangeAdjoint {
         let irradiance = adjoint.receivers.whole();
         let pieces = plan.pieces();
         let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(plan, piece)).collect();
-        x.show_each(device, &parts, false, |number, light, go_on| {
+        x.show_each(device, &parts, |number, light, go_on| {
             go_on();
             let to = &pieces[number].part;
             if let Some(light) = &light {
@@ -123,9 +116,6 @@ impl ExchangeAdjoint {
                 ];
                 let between = Between { targets: from, partners: to, lists, first_slot: back.first_slot };
                 sweep.near(context, &between, &near, true, monitor)?;
-                if adjoint.clusters.is_some() {
-                    continue;
-                }
                 let far = [
                     facets,
                     adjoint.far_runs.whole(),
@@ -140,109 +130,7 @@ impl ExchangeAdjoint {
             }
             Ok(())
         })?;
-        add_near_matrix(&mut self.near_matrix, context, None, irradiance, sources, monitor)?;
-        let Some(clusters) = &adjoint.clusters else { return Ok(()) };
-        for accumulated in sources {
-            let group = accumulated.group;
-            let from = plan.own(group);
-            let back = accumulated.back.as_ref().unwrap_or(&none);
-            let front = accumulated.front.as_ref().unwrap_or(&none).slice();
-            let triangles = Cotangents {
-                class: from.class,
-                sources: plan.layout.slots_of(&from.tiles),
-                bins_page: back.first_slot,
-                radiance: (outgoing.radiance.whole(), 0),
-                back: back.slice(),
-                front,
-            };
-            self.clusters(context, adjoint, (group, Some(&triangles)), x, monitor)?;
-            clusters.to_triangles(context, group, ([back.slice(), front], back.first_slot))?;
-        }
-        Ok(())
-    }
-
-    /// Computes the whole cotangents of the light of the clusters of a group, with those of the clusters that
-    /// contain them. With `triangles`, adds those of triangles from far receivers, too; otherwise the part
-    /// that is shown stays valid.
-    ///
-    /// # Errors
-    /// Fails if the plan has no clusters, if the device fails, if another rank has ended, or if the callback
-    /// stops the pass.
-    pub fn clusters(
-        &mut self,
-        context: &Context,
-        adjoint: &AdjointBuffers,
-        (group, triangles): (usize, Option<&Cotangents>),
-        x: &State,
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Some(clusters) = &adjoint.clusters else { return Ok(()) };
-        let Context { device, plan, scene, .. } = context;
-        let (all, run) = clusters_of(plan, group)?;
-        let bins = clusters.bins(run.class);
-        let [back, front] = bins.map(|bins| bins.unwrap_or(&scene.no_bins).whole());
-        clusters.clear(context, group)?;
-        let first = all.first();
-        let own = Cotangents {
-            class: run.class,
-            sources: plan.own_clusters(group),
-            bins_page: run.range().start,
-            radiance: (clusters.radiance.whole(), first),
-            back,
-            front,
-        };
-        let pieces = plan.pieces();
-        let parts: Vec<_> = pieces.iter().map(|piece| Part::of_piece(plan, piece)).collect();
-        x.show_each(device, &parts, triangles.is_none(), |number, light, go_on| {
-            go_on();
-            let incident = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
-            let receivers = (&pieces[number].part, incident);
-            let mut targets = std::iter::once(&own).chain(triangles);
-            targets.try_for_each(|to| self.received(context, adjoint, receivers, to, monitor))
-        })?;
-        let shares = plan.clusters_by_rank(group);
-        let rgb = plan.rgb_bytes();
-        let moments = Values { offset: u64::from(plan.sources() - first) * rgb, first, bytes: 3 * rgb };
-        context.complete(&clusters.radiance, Values { offset: 0, first, bytes: rgb }, shares)?;
-        context.complete(&clusters.radiance, moments, shares)?;
-        for bins in bins.into_iter().flatten() {
-            let values = Values { offset: 0, first: run.range().start, bytes: plan.bin_bytes() };
-            context.complete(bins, values, shares)?;
-        }
-        clusters.within(context, group)
-    }
-
-    /// Adds what the light of far sources matters to some receivers, with the cotangents of their light.
-    fn received(
-        &mut self,
-        context: &Context,
-        adjoint: &AdjointBuffers,
-        (receivers, incident): (&Group, BufferSlice),
-        to: &Cotangents,
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Context { plan, scene, .. } = context;
-        let shape = Shape::new(to.class, receivers.class);
-        let sweep = sweep_of(&mut self.sweeps, shape)?;
-        let slots = plan.layout.slots_of(&receivers.tiles);
-        let far = [
-            scene.facets.whole(),
-            adjoint.far_runs.whole(),
-            to.radiance.0,
-            incident,
-            to.back,
-            to.front,
-            scene.bin_table.whole(),
-            adjoint.receivers.whole(),
-        ];
-        let of = FromSources {
-            sources: to.sources.clone(),
-            bins_page: to.bins_page,
-            radiance_page: to.radiance.1,
-            receivers_page: slots.start,
-            receivers: slots,
-        };
-        sweep.received(context, of, &far, monitor)
+        add_near_matrix(&mut self.near_matrix, context, None, irradiance, sources, monitor)
     }
 }
 
@@ -280,15 +168,4 @@ fn add_near_matrix(
         Ok(Some([outgoing, incident]))
     };
     matrix.run(&context.device, ends, monitor)
-}
-
-/// Buffers in which the cotangents of sources of one class are accumulated: of radiance, with the first index
-/// of its page, and of bins, from the index `bins_page` on.
-pub struct Cotangents<'a> {
-    class: Class,
-    sources: Range<u32>,
-    bins_page: u32,
-    radiance: (BufferSlice<'a>, u32),
-    back: BufferSlice<'a>,
-    front: BufferSlice<'a>,
 }

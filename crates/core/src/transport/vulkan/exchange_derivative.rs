@@ -4,18 +4,16 @@
 use super::Context;
 use super::adjoint::{AdjointBuffers, sent, specular_of};
 use super::bundle::PassMonitor;
-use super::clusters::Sources;
 use super::exchange::{shape_constants, sweep_of, sweeps};
 use super::reflection::Reflection;
 use super::residency::{Part, View};
 use super::state::State;
 use super::sweep::{Between, Kernels, Sweep, of_partners};
-use super::sweep_receivers::FromSources;
 use crate::plan::{Group, Interactions, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, Piece, Plan};
 use crate::shaders;
 use crate::transport::TransportError;
 use crate::transport::shape::Shape;
-use crate::transport::work::{pairs, pairs_by_source};
+use crate::transport::work::pairs;
 use antirad_gpu::{Bindings, Buffer, BufferSlice, Device, GpuError};
 use antirad_scene::Movable;
 
@@ -36,14 +34,9 @@ pub struct ExchangeDerivative {
 impl ExchangeDerivative {
     pub fn new(device: &Device, plan: &Plan) -> Result<Self, GpuError> {
         let kernels = |shape: Shape, target_is_source: bool| Kernels {
-            far: match (plan.clusters().is_some(), target_is_source) {
-                (false, _) => (&shaders::TRANSPORT_DERIVATIVE, Bindings { storage: 8, uniform: 2 }),
-                (true, true) => (&shaders::CLUSTER_DERIVATIVE_SOURCE, Bindings::from(9)),
-                (true, false) => (&shaders::CLUSTER_DERIVATIVE_RECEIVER, Bindings::from(8)),
-            },
+            far: (&shaders::TRANSPORT_DERIVATIVE, Bindings { storage: 8, uniform: 2 }),
             near: Some((&shaders::NEAR_DERIVATIVE, 11)),
             single: true,
-            by_source: target_is_source,
             constants: [
                 &shape_constants(shape, plan)[..],
                 &[(TARGET_IS_SOURCE, u32::from(target_is_source))],
@@ -74,10 +67,7 @@ impl ExchangeDerivative {
         monitor: &mut PassMonitor,
     ) -> Result<(), TransportError> {
         let Context { device, plan, scene, .. } = context;
-        // With clusters, their cotangents are computed once more.
-        let again = if adjoint.clusters.is_some() { pairs_by_source(plan, true) } else { 0 };
-        let all = pairs(plan, true) + pairs_by_source(plan, true) + again;
-        monitor.begin(plan.own_share(all));
+        monitor.begin(plan.own_share(2 * pairs(plan, true)));
         adjoint.copy_receivers(context, cotangent)?;
         let none = || View::resident(&scene.no_bins, 0, 0);
         let irradiance = adjoint.receivers.whole();
@@ -160,61 +150,7 @@ impl ExchangeDerivative {
         let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
         for between in Between::held(plan, of.target, of.other, lists).movable_targets(plan, movable) {
             sweep.near(context, &between, &near, true, monitor)?;
-            if plan.clusters().is_none() {
-                sweep.far(context, &between, &far, &uniforms, passing, monitor)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Adds what the far triangles of a group and its clusters contribute where clusters stand for triangles; `sources` are both.
-    pub fn listed(
-        &mut self,
-        context: &Context,
-        adjoint: &AdjointBuffers,
-        (group, sources): (usize, [&Sources; 2]),
-        cotangent: &State,
-        gradients: &Buffer,
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Context { device, plan, scene, outgoing } = context;
-        let own_triangles = plan.layout.slots_of(&plan.own(group).tiles);
-        for piece in plan.pieces() {
-            let part = Part::of_piece(plan, &piece);
-            let light = part.map(|part| cotangent.show_beside(device, &part)).transpose()?;
-            let incident = light.as_ref().map_or(scene.no_bins.whole(), View::slice);
-            let receivers = &piece.part;
-            let slots = plan.layout.slots_of(&receivers.tiles);
-            for (from, own) in sources.into_iter().zip([own_triangles.clone(), plan.own_clusters(group)]) {
-                let shape = Shape::new(from.class, receivers.class);
-                let buffers = |lists| {
-                    [
-                        scene.facets.whole(),
-                        lists,
-                        outgoing.radiance.whole(),
-                        gradients.whole(),
-                        from.antiradiance,
-                        from.specular,
-                        incident,
-                        adjoint.receivers.whole(),
-                    ]
-                };
-                let sweep = sweep_of(&mut self.by_source, shape)?;
-                let of = FromSources {
-                    sources: own,
-                    bins_page: from.indices.start,
-                    radiance_page: 0,
-                    receivers_page: slots.start,
-                    receivers: slots.clone(),
-                };
-                sweep.received(context, of, &buffers(adjoint.far_runs.whole()), monitor)?;
-                let sweep = sweep_of(&mut self.by_receiver, shape)?;
-                let own = plan.layout.slots_of(&plan.own(piece.group).tiles);
-                let partners = (&from.indices, from.indices.start);
-                let passing = PAIR_FRONT | PAIR_NEAR | PAIR_BACK;
-                let buffers = buffers(scene.far_sources.whole());
-                sweep.listed(context, (&own, slots.start), partners, &buffers, passing, monitor)?;
-            }
+            sweep.far(context, &between, &far, &uniforms, passing, monitor)?;
         }
         Ok(())
     }

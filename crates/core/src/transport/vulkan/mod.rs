@@ -3,8 +3,6 @@
 
 mod adjoint;
 mod bundle;
-mod clusters;
-mod clusters_adjoint;
 mod completion;
 mod distributed;
 mod exchange;
@@ -23,22 +21,16 @@ mod scene_buffers;
 mod specular;
 mod state;
 mod sweep;
-mod sweep_receivers;
 mod vectors;
-mod volumes;
 
-pub use clusters::{GatherBinsPush, GatherPush};
-pub use clusters_adjoint::SharesPush;
 pub use lamp_rays::LampRays;
 pub use lobes::LobePush;
 pub use near_matrix::NearMatrixPush;
 pub use reflection::{GlossyPush, ReflectPush};
 pub use reflection_adjoint::{GlossyDerivativePush, ReflectAdjointPush};
 pub use state::State;
-pub use sweep::{FarPush, ListPush, NearPush};
-pub use sweep_receivers::ReceiversPush;
+pub use sweep::{FarPush, NearPush};
 pub use vectors::{DotPush, ProjectPush};
-pub use volumes::VolumePush;
 
 use super::{Adjoint, OutgoingValues, PassCallback, TransportError, Values, judged_irradiance};
 use crate::plan::Plan;
@@ -120,8 +112,6 @@ fn bin_constants(plan: &Plan) -> [(u32, u32); 4] {
 /// Fails if the device cannot compile a kernel, or has no memory for a buffer.
 pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     exchange::Exchange::kernels(device, plan)?;
-    clusters::ClusterLight::kernels(device, plan)?;
-    volumes::VolumeLight::kernels(device, plan)?;
     observation::Observation::kernels(device, plan)?;
     vectors::Vectors::kernels(device, plan.settings.precision)?;
     near_matrix::NearMatrix::kernels(device, plan)?;
@@ -133,8 +123,6 @@ pub fn compile(device: &Device, plan: &Plan) -> Result<(), GpuError> {
     exchange_derivative::ExchangeDerivative::new(device, plan)?;
     reflection::Reflection::new(device, plan)?;
     reflection_adjoint::ReflectionAdjoint::new(device, plan)?;
-    clusters_adjoint::ClusterCotangents::kernels(device, plan)?;
-    clusters_adjoint::ClusterCotangents::share_kernels(device, plan)?;
     observation_adjoint::ObservationAdjoint::new(device, plan)?;
     Ok(())
 }

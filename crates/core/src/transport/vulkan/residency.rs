@@ -338,7 +338,10 @@ impl Hosted {
         if !self.is_apart() {
             return self.read(device, part);
         }
-        self.gathered(device, &self.windows.read, part, slots)
+        let view = Self::foreign_view(&self.windows.read, part)?;
+        let own = |slots: &Range<u32>, values: &mut [u8]| self.copy(slots, values);
+        self.windows.distributed.gather_into(device, &view, slots, own)?;
+        Ok(view)
     }
 
     /// Whether other ranks hold bins of the state.
@@ -351,36 +354,11 @@ impl Hosted {
         &self,
         device: &Device,
         parts: &[Option<Part>],
-        beside: bool,
         with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
-        let window = if beside { &self.windows.write } else { &self.windows.read };
+        let window = &self.windows.read;
         let own = |slots: &Range<u32>, values: &mut [u8]| self.copy(slots, values);
         self.windows.distributed.each(device, parts, own, |part| Self::foreign_view(window, part), with)
-    }
-
-    /// Allgathers the bins of some slots into a window. All ranks call it.
-    fn gathered<'a>(
-        &self,
-        device: &Device,
-        window: &'a Window,
-        part: &Part,
-        slots: &Range<u32>,
-    ) -> Result<View<'a>, TransportError> {
-        let view = Self::foreign_view(window, part)?;
-        self.windows
-            .distributed
-            .gather_into(device, &view, slots, |slots, values| self.copy(slots, values))?;
-        Ok(view)
-    }
-
-    /// A view of a part in the window to write, for kernels to read it beside a part that is shown.
-    ///
-    /// # Errors
-    /// Fails if the device does, or if another rank has ended.
-    pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
-        let Part::Bins { slots, .. } = part else { return self.edit(device, part, true) };
-        self.gathered(device, &self.windows.write, part, slots)
     }
 
     pub fn read(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
@@ -494,7 +472,7 @@ mod tests {
                 }
                 Ok(())
             };
-            hosted.show_each(&device, &parts, false, work).expect("all parts");
+            hosted.show_each(&device, &parts, work).expect("all parts");
             assert_eq!((seen, moved()), (with_bins, bytes));
         };
         std::thread::scope(|scope| {
@@ -530,7 +508,7 @@ mod tests {
         let hosted = Hosted::new(&windows).expect("a state");
         let parts: Vec<_> = plan.pieces().iter().map(|piece| Part::of_piece(&plan, piece)).collect();
         panics.store(true, Ordering::SeqCst);
-        let error = hosted.show_each(&device, &parts, false, |_, _, _| Ok(())).expect_err("a panic");
+        let error = hosted.show_each(&device, &parts, |_, _, _| Ok(())).expect_err("a panic");
         assert!(matches!(error, TransportError::Panicked { .. }), "{error}");
         assert!(error.to_string().contains("sends burns"), "{error}");
     }

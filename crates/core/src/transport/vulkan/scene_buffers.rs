@@ -3,9 +3,7 @@
 use super::lobes::Lobes;
 use super::real;
 use super::state::pages;
-use crate::model::{Clusters, Parts};
 use crate::plan::{Group, PairLists, Plan};
-use crate::transport::TransportError;
 use crate::transport::scene_values::{self, FACET};
 use antirad_gpu::{Buffer, BufferKind, Device, GpuError};
 use antirad_scene::Scene;
@@ -24,10 +22,8 @@ pub struct SceneBuffers {
     /// Centre of each bin, and c_b.
     pub bin_table: Buffer,
     pub(super) lobes: Lobes,
-    /// [`crate::plan::FarRuns`] by receiver; with clusters [`crate::model::SourceLists`].
+    /// [`crate::plan::FarRuns`] by receiver.
     pub far_sources: Buffer,
-    /// What each cluster consists of, two words each (crates/core/glsl/cluster_parts.glsl).
-    cluster_parts: Option<Buffer>,
     /// Offset of the close sources of each slot in `near_sources`, then the end of the last.
     pub near_offsets: Buffer,
     /// Slots of close sources, by receiver.
@@ -71,14 +67,7 @@ impl SceneBuffers {
             first_bounce,
             bin_table: reals("bin table", &scene_values::bin_table(plan))?,
             lobes,
-            far_sources: match plan.clusters() {
-                None => filled(device, "far runs", far.words())?,
-                Some(clusters) => filled(device, "cluster sources", clusters.sources().words())?,
-            },
-            cluster_parts: plan
-                .clusters()
-                .map(|clusters| filled(device, "cluster parts", &part_words(clusters)))
-                .transpose()?,
+            far_sources: filled(device, "far runs", far.words())?,
             near_offsets: filled(device, "near offsets", &near.offsets)?,
             near_sources: filled(device, "near sources", &near.partners)?,
             near_targets: Buffer::new(
@@ -89,11 +78,6 @@ impl SceneBuffers {
             )?,
             no_bins: reals("no bins", &[0.0])?,
         })
-    }
-
-    /// What each cluster consists of, where there are clusters.
-    pub(super) fn cluster_parts(&self) -> Result<&Buffer, TransportError> {
-        self.cluster_parts.as_ref().ok_or_else(|| TransportError::missing("clusters"))
     }
 
     /// Sets the radiance of lamps that glossy triangles reflect, initially zero, per group as by [`super::Operators::set_first_bounce`].
@@ -127,14 +111,6 @@ impl SceneBuffers {
         self.lobes.set(device, scene, plan)?;
         real::upload(device, &self.surfaces, plan.settings.precision, &surfaces)
     }
-}
-
-fn part_words(clusters: &Clusters) -> Vec<[u32; 2]> {
-    let words = |parts: &Parts| match parts {
-        Parts::Triangles(slots) => [slots.start, slots.end],
-        Parts::Clusters(both) => *both,
-    };
-    clusters.parts().iter().map(words).collect()
 }
 
 pub fn filled<T: Pod>(device: &Device, label: &str, values: &[T]) -> Result<Buffer, GpuError> {

@@ -34,7 +34,7 @@ pub struct StateBuffers {
 
 /// E + K H: radiance of the fronts of every slot, and per bin. W/(m² sr).
 pub struct Outgoing {
-    /// Diffuse radiance of the fronts, vec4 per slot, and of clusters; then of its first moments, three per cluster.
+    /// Diffuse radiance of the fronts, vec4 per slot.
     pub radiance: Buffer,
     /// Per group: specular radiance of the fronts of glossy triangles. Where the device does not hold states whole, of none.
     pub specular: Vec<Option<Buffer>>,
@@ -92,14 +92,13 @@ impl State {
     pub fn show(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
         match &*self.0 {
             Memory::Device(buffers) => buffers.view(part),
-            Memory::Devices(state) => state.show(device, part, false),
+            Memory::Devices(state) => state.show(device, part),
             Memory::Host(hosted) => hosted.show(device, part),
         }
     }
 
     /// Calls `with` with the number and a view of each of some parts, one after the other. Where other ranks hold bins of them, those of
-    /// the next part come from when `with` calls its last argument, after which it must not communicate with other ranks. `beside`: as by
-    /// [`Self::show_beside`]. All ranks call it.
+    /// the next part come from when `with` calls its last argument, after which it must not communicate with other ranks. All ranks call it.
     ///
     /// # Errors
     /// Fails if the device does, if another rank has ended, or if `with` fails.
@@ -107,30 +106,15 @@ impl State {
         &self,
         device: &Device,
         parts: &[Option<Part>],
-        beside: bool,
         mut with: impl FnMut(usize, Option<View>, &mut dyn FnMut()) -> Result<(), TransportError>,
     ) -> Result<(), TransportError> {
         match &*self.0 {
-            Memory::Host(hosted) if hosted.is_apart() => hosted.show_each(device, parts, beside, with),
-            Memory::Devices(state) => state.show_each(device, parts, beside, with),
+            Memory::Host(hosted) if hosted.is_apart() => hosted.show_each(device, parts, with),
+            Memory::Devices(state) => state.show_each(device, parts, with),
             _ => parts.iter().enumerate().try_for_each(|(number, part)| {
-                let show =
-                    |part| if beside { self.show_beside(device, part) } else { self.show(device, part) };
-                with(number, part.as_ref().map(show).transpose()?, &mut || {})
+                let view = part.as_ref().map(|part| self.show(device, part)).transpose()?;
+                with(number, view, &mut || {})
             }),
-        }
-    }
-
-    /// A view for kernels to read a part beside a part of any state that is shown. It is valid until one is
-    /// opened to be written. All ranks call it.
-    ///
-    /// # Errors
-    /// Fails if the device does, or if another rank has ended.
-    pub fn show_beside(&self, device: &Device, part: &Part) -> Result<View<'_>, TransportError> {
-        match &*self.0 {
-            Memory::Device(buffers) => buffers.view(part),
-            Memory::Devices(state) => state.show(device, part, true),
-            Memory::Host(hosted) => hosted.show_beside(device, part),
         }
     }
 

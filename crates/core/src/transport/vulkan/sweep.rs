@@ -4,8 +4,6 @@
 use super::Context;
 use super::bundle::PassMonitor;
 use super::bundle::{Bundle, MOST_GROUPS};
-use super::sweep_receivers::ReceiversPush;
-use crate::model::{LIST, SOURCES};
 use crate::plan::{Group, NearPairs, PADDING, PAIR_BACK, PAIR_FRONT, PARTNER_BYTES, PairLists, Plan};
 use crate::shaders::RealShader;
 use crate::transport::TransportError;
@@ -39,39 +37,6 @@ pub struct FarPush {
     /// Bits of a tile pair to consider.
     pub passing: u32,
 }
-
-/// `ListPush` of crates/core/glsl/far_list.glsl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct ListPush {
-    /// First list of sources.
-    pub target_list: u32,
-    /// First index of sources.
-    pub partner_begin: u32,
-    /// One past the last index of sources.
-    pub partner_end: u32,
-    /// Half of `near_field`: pairs with r² below this times the sum of their characteristic areas are close.
-    pub half_range: f32,
-    /// First slot of the buffer of the targets' bins.
-    pub target_page: u32,
-    /// First index of the buffer of the sources' bins.
-    pub partner_page: u32,
-    /// Bits of an entry to consider.
-    pub passing: u32,
-    /// Sources in range of each list that earlier dispatches covered.
-    pub skip: u32,
-    /// Largest number of sources of each list that this dispatch covers.
-    pub take: u32,
-    /// Index of the first cluster if the sources are clusters, otherwise 0.
-    pub clusters: u32,
-    /// Index of the first moment in the radiance of sources, three for each cluster.
-    pub moments: u32,
-    /// 1 if the sources are volumes.
-    pub volumes: u32,
-}
-
-/// Sources of a list per dispatch: as many as [`Plan::partner_slots`] in f32, and for the same reason.
-const LIST_TAKE: u32 = 2048;
 
 /// `NearPush` of crates/core/glsl/near_push.glsl.
 #[repr(C)]
@@ -113,16 +78,14 @@ const TAKE_OF_GPUS: u32 = 256;
 
 /// The kernels of a sweep, with what they are compiled for.
 pub struct Kernels<'a> {
-    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch, unless
-    /// it sums over lists of clusters; the last buffer of `near` lists the targets.
+    /// The kernels, with the number of their buffers. Uniform buffers of `far` hold the partners of a dispatch; the last buffer of `near`
+    /// lists the targets.
     pub far: (&'a RealShader, Bindings),
     /// `None` where the near field is kept as a matrix.
     pub near: Option<(&'a RealShader, u32)>,
     /// Whether a lane of `far` has one triangle as its target, rather than one in each range of lanes of a
     /// tile.
     pub single: bool,
-    /// Whether `far` sums over lists of receivers, with groups of sources as targets.
-    pub by_source: bool,
     /// Specialization of both, beyond lanes and tiles.
     pub constants: Vec<(u32, u32)>,
     /// Close partners per target and dispatch, bounded for the same reason as [`Plan::partner_slots`].
@@ -139,22 +102,20 @@ pub struct Kernels<'a> {
 
 /// Kernels over pairs of triangles of certain classes. A lane owns a triangle and walks over partners.
 pub struct Sweep {
-    pub(super) far: Pipeline,
-    /// Workgroups of `far` per tile, list or group of targets.
-    pub(super) workgroups: u32,
-    /// Groups of sources that a workgroup of `far` covers side by side, where they are the targets.
-    pub(super) side_by_side: u32,
-    /// Tiles of partners per dispatch of `far` over tiles.
+    far: Pipeline,
+    /// Workgroups of `far` per tile of targets.
+    workgroups: u32,
+    /// Tiles of partners per dispatch of `far`.
     run_tiles: u32,
     near: Option<Pipeline>,
     /// Targets of a workgroup of `near`.
     near_targets: u32,
     take: u32,
-    pub(super) far_pace: Pace,
+    far_pace: Pace,
     near_pace: Pace,
     /// Bytes read from buffers by a point-to-point pair and by a close pair.
-    pub(super) bytes: [f64; 2],
-    pub(super) shape: String,
+    bytes: [f64; 2],
+    shape: String,
 }
 
 /// A buffer of values per slot, of which a dispatch binds those of its partners. It extends [`Plan::partner_slots`]
@@ -216,37 +177,24 @@ impl<'a> Between<'a> {
 
 impl Sweep {
     pub fn new(device: &Device, plan: &Plan, kernels: Kernels) -> Result<Self, GpuError> {
-        let Kernels { far, near, single, by_source, constants, take, gathers, scattered, slots, shape } =
-            kernels;
+        let Kernels { far, near, single, constants, take, gathers, scattered, slots, shape } = kernels;
         let precision = plan.settings.precision;
         let info = device.info();
-        let listed = plan.clusters().is_some();
-        let targets = match listed {
-            false => plan.options.tile,
-            true if by_source => SOURCES,
-            true => LIST,
-        };
-        let shared = Cooperative::far(device, plan, scattered, slots, targets);
-        // Wide subgroups cover several groups of sources.
-        let wide = shared.is_none() && listed && by_source && info.subgroup_size.is_multiple_of(targets);
-        let lanes = match shared {
-            Some(shared) => shared.in_workgroup(),
-            None if wide => info.subgroup_size,
-            None => info.subgroup_size.min(targets),
-        };
-        // Those of a workgroup, within a tile, list or group.
-        let side = shared.map_or(lanes.min(targets), |shared| shared.targets);
+        let targets = plan.options.tile;
+        let shared = Cooperative::far(device, plan, scattered, slots);
+        let lanes = shared.map_or(info.subgroup_size.min(targets), Cooperative::in_workgroup);
+        // Those of a workgroup, within a tile.
+        let side = shared.map_or(lanes, |shared| shared.targets);
         let real = precision.bytes() as f64;
         let gathered = gathers as f64 * 4.0 * f64::from(plan.channels) * real;
         // A source is read once for all triangles of a subgroup.
         let single = single || shared.is_some();
         let per_target = f64::from(if single { side } else { targets });
         let in_workgroup = |lanes| u32::from(shares_deposits(device, plan, lanes, scattered.unwrap_or(0)));
-        let own = if listed { LIST } else { targets };
         let cooperative =
             |shared: Option<Cooperative>| shared.map(|of| (15, of.lanes)).into_iter().collect::<Vec<_>>();
         let of_far = [
-            &[(0, lanes), (if listed { 12 } else { 1 }, own), (11, in_workgroup(lanes)), (13, lanes)][..],
+            &[(0, lanes), (1, targets), (11, in_workgroup(lanes)), (13, lanes)][..],
             &constants,
             &cooperative(shared),
         ]
@@ -263,16 +211,10 @@ impl Sweep {
             &cooperative(near_shared),
         ]
         .concat();
-        let far_push = match listed {
-            false => size_of::<FarPush>(),
-            true if by_source => size_of::<ReceiversPush>(),
-            true => size_of::<ListPush>(),
-        } as u32;
-        let near_push = size_of::<NearPush>() as u32;
+        let [far_push, near_push] = [size_of::<FarPush>(), size_of::<NearPush>()].map(|bytes| bytes as u32);
         Ok(Self {
             far: Pipeline::new(device, far.0.of(precision), far.1, far_push, &of_far)?,
             workgroups: if single { (targets / side).max(1) } else { 1 },
-            side_by_side: if wide { lanes / targets } else { 1 },
             run_tiles: match device.kernels_for() {
                 DeviceKind::Cpu if gathers > 0 && scattered.is_none_or(|sets| sets == 0) => {
                     cached_tiles(plan)
@@ -346,63 +288,6 @@ impl Sweep {
         }
         bundle.end()?;
         let pairs = passed * u64::from(tile * tile);
-        device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
-        Ok(())
-    }
-
-    /// Runs the point-to-point kernel over lists of clusters and triangles: those of the sources with `indices`, whose
-    /// bins are in a page from the index `page` on, to the slots of `targets`, with bins from `target_page` on.
-    /// `passing`: the bits of the entries to consider.
-    ///
-    /// # Errors
-    /// Fails if the plan has no clusters, if the device fails, or if the callback stops the pass.
-    pub fn listed(
-        &mut self,
-        context: &Context,
-        (targets, target_page): (&Range<u32>, u32),
-        (indices, page): (&Range<u32>, u32),
-        buffers: &[BufferSlice],
-        passing: u32,
-        monitor: &mut PassMonitor,
-    ) -> Result<(), TransportError> {
-        let Context { device, plan, .. } = context;
-        let Some(clusters) = plan.clusters() else { return Err(TransportError::missing("clusters")) };
-        let lists = targets.start / LIST..targets.end / LIST;
-        let counts: Vec<u32> =
-            lists.clone().map(|list| clusters.sources().of(list, indices).len() as u32).collect();
-        let Self { far, far_pace, workgroups, bytes, shape, .. } = self;
-        let mut bundle = Bundle::new(device, far_pace, monitor);
-        let longest = counts.iter().copied().max().unwrap_or(0);
-        for skip in (0..longest).step_by(LIST_TAKE as usize) {
-            let left = |list: u32| counts[(list - lists.start) as usize].saturating_sub(skip).min(LIST_TAKE);
-            let total: u64 = lists.clone().map(|list| u64::from(left(list) * LIST)).sum();
-            let mean = (total / lists.len() as u64).max(1);
-            let mut begin = lists.start;
-            while begin < lists.end {
-                let rows = bundle.share(lists.end - begin, mean);
-                let push = ListPush {
-                    target_list: begin,
-                    partner_begin: indices.start,
-                    partner_end: indices.end,
-                    half_range: 0.5 * plan.settings.near_field as f32,
-                    target_page,
-                    partner_page: page,
-                    passing,
-                    skip,
-                    take: LIST_TAKE,
-                    clusters: if clusters.is_cluster(indices.start) { clusters.first() } else { 0 },
-                    moments: plan.sources(),
-                    volumes: u32::from(clusters.is_volume(indices.start)),
-                };
-                let pairs = (begin..begin + rows).map(|list| u64::from(left(list) * LIST)).sum();
-                bundle.add(pairs, pairs, |batch| {
-                    batch.dispatch(far, shape, buffers, bytes_of(&push), [rows, *workgroups, 1])
-                })?;
-                begin += rows;
-            }
-        }
-        bundle.end()?;
-        let pairs = counts.iter().map(|&count| u64::from(count * LIST)).sum();
         device.credit(far.kernel(), shape, pairs, (pairs as f64 * bytes[0]) as u64);
         Ok(())
     }
@@ -507,8 +392,8 @@ impl Cooperative {
     /// Lanes per target of a kernel of close pairs: one for each pair of pieces, and without bins at either end, where sources are not cut,
     /// one for each piece of the receiver.
     const CLOSE_LANES: [u32; 2] = [4, PIECES];
-    /// Lanes per target without bins, at most: as many as a list of clusters has receivers.
-    const MOST_LANES: u32 = LIST;
+    /// Lanes per target without bins, at most: a subgroup of most GPUs.
+    const MOST_LANES: u32 = 32;
     /// Lanes of a workgroup, at most, which each device takes.
     const MOST: u32 = 128;
     /// Reals that a lane notes to be added to bins: four weights, three channels; and three more.
@@ -522,30 +407,23 @@ impl Cooperative {
     const ENOUGH: u32 = 1 << 18;
 
     /// Cooperative lanes for a kernel of far pairs, see [`Self::new`].
-    fn far(device: &Device, plan: &Plan, sets: Option<u64>, slots: u32, targets: u32) -> Option<Self> {
+    fn far(device: &Device, plan: &Plan, sets: Option<u64>, slots: u32) -> Option<Self> {
         let with_bins = sets? > 0;
         let wanted = Self::ENOUGH.div_ceil(slots.max(1)).next_power_of_two();
         let lanes = if with_bins { Self::LANES } else { wanted.clamp(Self::LANES, Self::MOST_LANES) };
-        Self::new(device, plan, sets, lanes, slots, targets)
+        Self::new(device, plan, sets, lanes, slots)
     }
 
     /// Cooperative lanes for a kernel of close pairs, see [`Self::new`]. `any_bins`: whether either end has
     /// bins.
     fn close(device: &Device, plan: &Plan, sets: Option<u64>, slots: u32, any_bins: bool) -> Option<Self> {
-        Self::new(device, plan, sets, Self::CLOSE_LANES[usize::from(any_bins)], slots, plan.options.tile)
+        Self::new(device, plan, sets, Self::CLOSE_LANES[usize::from(any_bins)], slots)
     }
 
-    /// Chooses as many targets of a tile, list or group of `targets` as have room for `sets` sets of bins in
+    /// Chooses as many targets of a tile as have room for `sets` sets of bins in
     /// workgroup memory, with `lanes` each; `slots` are those of all targets. `None` for CPU drivers, where targets without bins are
     /// many, and where there is no room for one.
-    fn new(
-        device: &Device,
-        plan: &Plan,
-        sets: Option<u64>,
-        lanes: u32,
-        slots: u32,
-        targets: u32,
-    ) -> Option<Self> {
+    fn new(device: &Device, plan: &Plan, sets: Option<u64>, lanes: u32, slots: u32) -> Option<Self> {
         let bins = sets? * plan.bins.count() as u64;
         let many = bins == 0 && slots >= Self::FEW;
         if many || bins >= Self::BINS || device.kernels_for() == DeviceKind::Cpu {
@@ -558,7 +436,7 @@ impl Cooperative {
             let bytes = u64::from(*targets) * (bins * u64::from(plan.channels) * real + noted) + 64;
             bytes <= u64::from(device.info().shared_memory_bytes)
         };
-        let most = (Self::MOST / lanes).min(targets);
+        let most = (Self::MOST / lanes).min(plan.options.tile);
         let sizes = std::iter::successors(Some(most), |targets| Some(targets / 2));
         let targets = sizes.take_while(|&targets| targets > 0).find(fits)?;
         Some(Self { targets, lanes })
