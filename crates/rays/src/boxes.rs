@@ -28,7 +28,7 @@ impl Boxes {
         while let Some(branch) = next.pop() {
             if branch & LEAF == 0 {
                 let node = &self.hierarchy.nodes[branch as usize];
-                let met = (0..WIDTH).filter(|&k| node.of(k).meets(&around));
+                let met = (0..WIDTH).filter(|&k| node.branches[k] != NONE && node.of(k).meets(&around));
                 next.extend(met.map(|k| node.branches[k]));
                 continue;
             }

@@ -18,6 +18,7 @@ mod leaf;
 mod nodes;
 mod ray;
 mod rays;
+mod shared;
 #[cfg(test)]
 mod tests;
 mod traverse;

@@ -24,11 +24,8 @@ pub struct Node {
 }
 
 impl Node {
-    const EMPTY: Self = Self {
-        bounds: [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3],
-        branches: [NONE; WIDTH],
-        unused: [0; WIDTH],
-    };
+    const EMPTY: Self =
+        Self { bounds: [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3], branches: [NONE; WIDTH] };
 
     fn set(&mut self, branch: usize, bounds: Bounds) {
         for (axis, [low, high]) in self.bounds.iter_mut().enumerate() {

@@ -32,6 +32,8 @@ pub struct Rays {
     leaves: Vec<Leaf>,
     /// Of all triangles, in the order given.
     corners: Vec<[[f64; 3]; 3]>,
+    /// The triangles that stop no rays, in ascending order.
+    open: Vec<u32>,
     frame: Frame,
     /// [`EPSILON`] of the diagonal, m.
     epsilon: f64,
@@ -45,11 +47,20 @@ impl Rays {
     /// Builds the hierarchy of those triangles that are `solid`; the others stop no rays, nor do those with a corner that is not finite.
     pub fn among(corners: Vec<[DVec3; 3]>, solid: impl Fn(&u32) -> bool) -> Self {
         let finite = |i: &u32| corners[*i as usize].iter().all(|corner| corner.is_finite());
-        let triangles: Vec<u32> = (0..corners.len() as u32).filter(|i| finite(i) && solid(i)).collect();
-        Self::build(&corners, &triangles)
+        let (triangles, open) = (0..corners.len() as u32).partition(|i| finite(i) && solid(i));
+        Self::build(&corners, triangles, open)
     }
 
-    fn build(corners: &[[DVec3; 3]], triangles: &[u32]) -> Self {
+    /// Whether it is what [`Self::among`] makes of these.
+    pub(super) fn is_among(&self, corners: &[[DVec3; 3]], solid: impl Fn(&u32) -> bool) -> bool {
+        let same =
+            |(own, other): (&[[f64; 3]; 3], &[DVec3; 3])| *own == other.map(|corner| corner.to_array());
+        self.corners.len() == corners.len()
+            && self.corners.iter().zip(corners).all(same)
+            && (0..corners.len() as u32).filter(|i| !solid(i)).eq(self.open.iter().copied())
+    }
+
+    fn build(corners: &[[DVec3; 3]], triangles: Vec<u32>, open: Vec<u32>) -> Self {
         let frame = Frame::of(triangles.iter().flat_map(|&i| corners[i as usize]));
         let item = |&index: &u32| Item { bounds: frame.bounds(&corners[index as usize]), index };
         let Hierarchy { nodes, groups } = Hierarchy::new(triangles.iter().map(item).collect());
@@ -58,6 +69,7 @@ impl Rays {
             leaves: groups.iter().map(|&group| Leaf::new(group, corners, &frame)).collect(),
             nodes,
             corners: corners.iter().map(|corners| corners.map(|corner| corner.to_array())).collect(),
+            open,
             epsilon: EPSILON * frame.size(),
             frame,
             #[cfg(target_arch = "x86_64")]
@@ -81,7 +93,7 @@ impl Rays {
         if nodes::cost(&self.nodes) > WORN * self.cost {
             let mut triangles: Vec<u32> = self.leaves.iter().flat_map(Leaf::held).map(|i| i as u32).collect();
             triangles.sort_unstable();
-            let new = Self::build(corners, &triangles);
+            let new = Self::build(corners, triangles, std::mem::take(&mut self.open));
             *self = Self {
                 #[cfg(target_arch = "x86_64")]
                 avx2: self.avx2,

@@ -11,11 +11,12 @@ use crate::model::{Facet, PADDING, Piece, orthonormal_basis};
 use antirad_scene::Rays;
 use glam::DVec3;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// What triangles see of each other.
 pub struct Seen<'a> {
     geometry: &'a Geometry<'a>,
-    rays: Rays,
+    rays: Arc<Rays>,
     /// Rays of a triangle.
     count: u32,
     openness: &'a Openness,
@@ -25,7 +26,7 @@ pub struct Seen<'a> {
 
 impl<'a> Seen<'a> {
     /// `count`: rays of a triangle.
-    pub fn new(geometry: &'a Geometry<'a>, (rays, count): (Rays, u32), openness: &'a Openness) -> Self {
+    pub fn new(geometry: &'a Geometry<'a>, (rays, count): (Arc<Rays>, u32), openness: &'a Openness) -> Self {
         let Geometry { facets, layout, .. } = *geometry;
         let mut slots = vec![PADDING; facets.len()];
         let placed = layout.order.iter().zip(0..).filter(|(triangle, _)| **triangle != PADDING);
