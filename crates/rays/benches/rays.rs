@@ -135,8 +135,11 @@ fn normal([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a).normalize_or_zero()
 }
 
-/// Triangles of an OBJ file, and which of them emit.
-fn read(path: &str) -> Result<(Vec<[DVec3; 3]>, Vec<usize>), Box<dyn std::error::Error>> {
+/// Triangles, and which of them emit.
+type Mesh = (Vec<[DVec3; 3]>, Vec<usize>);
+
+/// The mesh of an OBJ file.
+fn read(path: &str) -> Result<Mesh, Box<dyn std::error::Error>> {
     let (mut vertices, mut corners, mut lamps) = (Vec::new(), Vec::new(), Vec::new());
     let (emitting, mut emits) = (emitting(path), false);
     for line in std::fs::read_to_string(path)?.lines() {

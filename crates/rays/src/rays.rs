@@ -27,6 +27,7 @@ pub enum Side {
 }
 
 /// A hierarchy of triangles, through which rays pass.
+#[derive(Clone)]
 pub struct Rays {
     nodes: Vec<Node>,
     leaves: Vec<Leaf>,
@@ -46,18 +47,19 @@ pub struct Rays {
 impl Rays {
     /// Builds the hierarchy of those triangles that are `solid`; the others stop no rays, nor do those with a corner that is not finite.
     pub fn among(corners: Vec<[DVec3; 3]>, solid: impl Fn(&u32) -> bool) -> Self {
-        let finite = |i: &u32| corners[*i as usize].iter().all(|corner| corner.is_finite());
-        let (triangles, open) = (0..corners.len() as u32).partition(|i| finite(i) && solid(i));
+        let (open, triangles) = (0..corners.len() as u32).partition(|&i| is_open(&corners, &solid, i));
         Self::build(&corners, triangles, open)
     }
 
-    /// Whether it is what [`Self::among`] makes of these.
-    pub(super) fn is_among(&self, corners: &[[DVec3; 3]], solid: impl Fn(&u32) -> bool) -> bool {
-        let same =
-            |(own, other): (&[[f64; 3]; 3], &[DVec3; 3])| *own == other.map(|corner| corner.to_array());
-        self.corners.len() == corners.len()
-            && self.corners.iter().zip(corners).all(same)
-            && (0..corners.len() as u32).filter(|i| !solid(i)).eq(self.open.iter().copied())
+    /// Whether refits make it what [`Self::among`] makes of these.
+    pub(super) fn fits(&self, corners: &[[DVec3; 3]], solid: impl Fn(&u32) -> bool) -> bool {
+        let open = (0..corners.len() as u32).filter(|&i| is_open(corners, &solid, i));
+        self.corners.len() == corners.len() && open.eq(self.open.iter().copied())
+    }
+
+    /// Whether the triangles are where these are.
+    pub(super) fn is_at(&self, corners: &[[DVec3; 3]]) -> bool {
+        self.corners.iter().zip(corners).all(|(own, other)| *own == other.map(|corner| corner.to_array()))
     }
 
     fn build(corners: &[[DVec3; 3]], triangles: Vec<u32>, open: Vec<u32>) -> Self {
@@ -239,4 +241,9 @@ impl Rays {
         }
         traverse::<_, ORDERED>(Portable, among, way, limit, skip, call);
     }
+}
+
+/// Whether a triangle stops no rays.
+fn is_open(corners: &[[DVec3; 3]], solid: impl Fn(&u32) -> bool, triangle: u32) -> bool {
+    !(corners[triangle as usize].iter().all(|corner| corner.is_finite()) && solid(&triangle))
 }

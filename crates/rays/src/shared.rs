@@ -2,30 +2,28 @@
 
 use super::Rays;
 use glam::DVec3;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, PoisonError};
 
-/// The hierarchies that somebody has.
-static KNOWN: Mutex<Vec<Weak<Rays>>> = Mutex::new(Vec::new());
+/// The last hierarchy. Whoever works on a scene asks for its triangles again and again, where they are or a little farther.
+static LAST: Mutex<Option<Arc<Rays>>> = Mutex::new(None);
 
 impl Rays {
-    /// [`Rays::among`], or the hierarchy of just these triangles that somebody still has.
+    /// [`Rays::among`], which all share who ask for the same triangles without others in between. Where these have only moved it is
+    /// [refitted](Rays::refit). The last hierarchy stays in memory.
     pub fn shared(corners: Vec<[DVec3; 3]>, solid: impl Fn(&u32) -> bool) -> Arc<Self> {
-        let found = |known: &[Weak<Self>]| {
-            known.iter().filter_map(Weak::upgrade).find(|rays| rays.is_among(&corners, &solid))
-        };
         // Nothing is built while others wait: who builds may be given their work in between.
-        let known = known(|known| known.clone());
-        found(&known).unwrap_or_else(|| {
-            let rays = Arc::new(Self::among(corners, solid));
-            self::known(|known| {
-                known.retain(|rays| rays.strong_count() > 0);
-                known.push(Arc::downgrade(&rays));
-            });
-            rays
-        })
+        let last = LAST.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let rays = match last.filter(|last| last.fits(&corners, &solid)) {
+            Some(last) if last.is_at(&corners) => return last,
+            Some(last) => {
+                let mut moved = Arc::unwrap_or_clone(last);
+                moved.refit(&corners);
+                moved
+            }
+            None => Self::among(corners, solid),
+        };
+        let rays = Arc::new(rays);
+        *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(rays.clone());
+        rays
     }
-}
-
-fn known<R>(with: impl FnOnce(&mut Vec<Weak<Rays>>) -> R) -> R {
-    with(&mut KNOWN.lock().unwrap_or_else(PoisonError::into_inner))
 }

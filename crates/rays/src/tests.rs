@@ -339,3 +339,20 @@ fn boxes_meet_those_around() {
     assert_eq!(calls, 5);
     Boxes::around::<3>(&[]).meet(&[DVec3::ZERO], |_| panic!("there are none"));
 }
+
+/// Wherever they move, and whatever others ask for in between.
+#[test]
+fn shared_hits_are_those_of_a_new_hierarchy() {
+    let given = rubble(200);
+    for k in 0..12 {
+        let corners: Vec<Triangle> =
+            given.iter().take(200 - k % 2).map(|t| t.map(|p| p + 0.3 * (k / 4) as f64)).collect();
+        let solid = |t: &u32| *t as usize % 5 != k % 3;
+        let (shared, new) = (Rays::shared(corners.clone(), solid), Rays::among(corners.clone(), solid));
+        let mut random = Random(6);
+        for triangle in &corners {
+            let (origin, direction) = (random.on(*triangle), random.point().normalize());
+            assert_eq!(shared.nearest(origin, direction, None), new.nearest(origin, direction, None));
+        }
+    }
+}
