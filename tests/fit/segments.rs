@@ -8,7 +8,6 @@ use antirad::image::Picture;
 use antirad::render::Quantity;
 use antirad::scene::{Camera, Material, Mesh, Scene, SceneBuilder, Shape};
 use antirad_render::image::View;
-use antirad_scene::Rays;
 use glam::{DAffine3, DQuat, DVec3};
 use image::{Rgb, RgbImage};
 use std::f64::consts::FRAC_PI_2;
@@ -85,7 +84,7 @@ fn folder() -> TempDir {
 
 /// What the centre of each pixel shows, by colour.
 fn labels(scene: &Scene, camera: &Camera) -> RgbImage {
-    let (rays, view) = (Rays::new(scene), View::new(camera));
+    let (rays, view) = (scene.rays(), View::new(camera));
     RgbImage::from_fn(camera.width, camera.height, |x, y| {
         let ray = view.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let wall = rays

@@ -500,7 +500,7 @@ fn direct_light(
 }
 
 /// Looks how open triangles lie, where their light goes by rays, which are then to be traced.
-fn look_around(scene: &Scene, plan: &mut Plan) -> Option<Rays> {
+fn look_around(scene: &Scene, plan: &mut Plan) -> Option<Arc<Rays>> {
     let NearField::Traced { .. } = plan.near_field else { return None };
     let rays = rays_among(&plan.facets);
     plan.openness = Openness::new(&plan.facets, &rays, |i| scene.material(i).emits()).into();
@@ -545,7 +545,7 @@ impl Engine {
     fn with_direct(
         backend: &Backend,
         scene: &Scene,
-        (mut plan, rays): (Plan, Option<Rays>),
+        (mut plan, rays): (Plan, Option<Arc<Rays>>),
         direct: DirectLight,
     ) -> Result<Self, EngineError> {
         let (planned, given) = ((plan.options.rank, plan.options.ranks), backend.ranks());

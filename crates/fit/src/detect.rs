@@ -101,7 +101,7 @@ pub(super) fn pixels(scene: &Scene, targets: &[Target]) -> Vec<u32> {
 
 /// What the pixels of all targets show.
 fn seen(scene: &Scene, targets: &[Target]) -> Vec<Seen> {
-    let rays = Rays::new(scene);
+    let rays = scene.rays();
     targets.par_iter().map(|target| look(scene, &rays, target)).reduce(
         || vec![Seen::default(); scene.triangles.len()],
         |mut all, more| {
@@ -195,7 +195,7 @@ mod tests {
 
     fn target(scene: &Scene, lamp: f64, clip: Option<f64>) -> Target {
         let camera = camera();
-        let (rays, view) = (Rays::new(scene), View::new(&camera));
+        let (rays, view) = (scene.rays(), View::new(&camera));
         let panel = scene.meshes[1].range.clone();
         let pixel = |at: usize| {
             let ray = view.ray((at % 48) as f64 + 0.5, (at / 48) as f64 + 0.5);

@@ -4,7 +4,7 @@ use super::first_hits::first_hits;
 use super::parameters::Groups;
 use super::target::Target;
 use antirad_render::image::Label;
-use antirad_scene::{Rays, Scene};
+use antirad_scene::Scene;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -57,7 +57,7 @@ pub(super) fn check_number<'a>(labels: impl Iterator<Item = &'a Option<Label>>) 
 }
 
 fn votes(scene: &Scene, targets: &[Target]) -> Votes {
-    let rays = Rays::new(scene);
+    let rays = scene.rays();
     let of_target = |target: &Target| {
         let mut votes = Votes::new();
         if let Some(labels) = &target.labels {
@@ -120,7 +120,7 @@ mod tests {
         let camera = Camera { position, target, up, width: 40, height: 40, ..Camera::framing(&[]) };
         let target = Target::new(camera, vec![DVec3::ONE; 1600], None, 1.0).expect("a target");
         let mut labels = vec![None; 1600];
-        first_hits(&Rays::new(scene), &target).for_each(|(at, triangle)| labels[at] = label(triangle, at));
+        first_hits(&scene.rays(), &target).for_each(|(at, triangle)| labels[at] = label(triangle, at));
         Target { labels: Some(labels), ..target }
     }
 

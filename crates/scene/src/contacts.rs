@@ -4,19 +4,14 @@
 //! foot of the box, by as much as it covers.
 
 use super::adjacency::Edge;
-use super::rays::boxed;
 use super::refine::Part;
 use super::{Edges, Scene, Welded, bounds, sides};
 use antirad_base::parallel;
+use antirad_rays::Boxes;
 use glam::{DVec2, DVec3};
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 use std::cmp::Reverse;
 use std::collections::HashMap;
-use std::time::Duration;
 
 /// Lengths below this share of the scene's diagonal are rounding.
 pub(super) const TOLERANCE: f64 = 1e-6;
@@ -116,9 +111,7 @@ struct Contacts<'a> {
     normals: Vec<DVec3>,
     /// Of each triangle, which of its sides continue in another of its plane.
     flat: Vec<[bool; 3]>,
-    tree: Bvh2,
-    /// The middle of the scene and one over half its diagonal, in whose units the tree is.
-    frame: (DVec3, f64),
+    boxes: Boxes,
     tolerance: f64,
     /// Root of the area of a triangle that is too small to be cut.
     smallest: f64,
@@ -131,12 +124,10 @@ impl<'a> Contacts<'a> {
             (0..corners.len()).map(|t| scene.area_vector(t).normalize_or_zero()).collect();
         let (low, high) = bounds(corners.iter().flatten().copied());
         let diagonal = low.distance(high).max(f64::MIN_POSITIVE);
-        let frame = (0.5 * (low + high), 2.0 / diagonal);
-        let boxes: Vec<Aabb> = corners.iter().map(|corners| boxed(*corners, frame)).collect();
-        let tree = build_bvh2(&boxes, BvhBuildParams::fast_build(), &mut Duration::default());
+        let boxes = Boxes::around(&corners);
         let flat = flat_sides(scene, &normals);
         let (tolerance, smallest) = (TOLERANCE * diagonal, SMALL * diagonal);
-        Self { scene, corners, normals, flat, tree, frame, tolerance, smallest }
+        Self { scene, corners, normals, flat, boxes, tolerance, smallest }
     }
 
     /// The triangles that are to be cut, each with the corners of its parts in barycentric coordinates.
@@ -174,17 +165,13 @@ impl<'a> Contacts<'a> {
     fn lines(&self, triangle: usize) -> Vec<[DVec3; 2]> {
         let mut lines = Vec::new();
         let smallest = FINE * self.size(triangle);
-        self.tree.aabb_traverse(boxed(self.corners[triangle], self.frame), |tree, node| {
-            let node = &tree.nodes[node as usize];
-            let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-            for &other in &tree.primitive_indices[range] {
-                if other as usize != triangle && self.size(other as usize) > smallest {
-                    self.between(triangle, other as usize, &mut lines);
-                }
+        self.boxes.meet(&self.corners[triangle], |other| {
+            if other as usize != triangle && self.size(other as usize) > smallest {
+                self.between(triangle, other as usize, &mut lines);
             }
             true
         });
-        // In an order that does not depend on the tree.
+        // In an order that does not depend on the boxes.
         let key = |[a, b]: &[DVec3; 2]| [a.x, a.y, b.x, b.y].map(f64::to_bits);
         lines.sort_by_key(key);
         lines

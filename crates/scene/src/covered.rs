@@ -4,8 +4,8 @@
 
 use super::Scene;
 use super::contacts::TOLERANCE;
-use super::rays::{Rays, Side};
 use antirad_base::parallel;
+use antirad_rays::{Rays, Side};
 
 /// Rays of a triangle, and the share of them that must meet something if it is enclosed.
 const RAYS: u32 = 64;
@@ -18,7 +18,7 @@ const GOLDEN_ANGLE: f64 = 2.399_963;
 impl Scene {
     /// Whether each triangle is one of these, or is seen from one, and is enclosed: by backs, and besides by nothing but others that are, too.
     pub(super) fn covered(&self, of: Vec<u32>) -> Vec<bool> {
-        let rays = Rays::new(self);
+        let rays = self.rays();
         let lift = 2.0 * TOLERANCE * self.diagonal();
         // All are taken for enclosed that are not known to be in the open.
         let mut enclosed = vec![true; self.triangles.len()];

@@ -2,15 +2,10 @@
 
 use super::adjacency::Edge;
 use super::contacts::{FINE, SMALL, SNAP};
-use super::rays::boxed;
 use super::{Edges, Scene, Welded, bounds, sides};
 use antirad_base::parallel;
+use antirad_rays::Boxes;
 use glam::DVec3;
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
-use std::time::Duration;
 
 /// Cosine of the largest angle between faces of one smooth surface, 30°; larger ones are sharp edges.
 pub const SAME_SURFACE: f64 = 0.866_025_403_784_438_6;
@@ -42,9 +37,7 @@ struct Surfaces<'a> {
     sizes: &'a [f64],
     corners: Vec<[DVec3; 3]>,
     normals: Vec<DVec3>,
-    tree: Bvh2,
-    /// The middle of the scene and one over half its diagonal, in whose units the tree is.
-    frame: (DVec3, f64),
+    boxes: Boxes,
     /// Size of a triangle that is too small for creases.
     smallest: f64,
 }
@@ -55,10 +48,7 @@ impl<'a> Surfaces<'a> {
         let normals = (0..corners.len()).map(|t| scene.area_vector(t).normalize_or_zero()).collect();
         let (low, high) = bounds(corners.iter().flatten().copied());
         let diagonal = low.distance(high).max(f64::MIN_POSITIVE);
-        let frame = (0.5 * (low + high), 2.0 / diagonal);
-        let boxes: Vec<Aabb> = corners.iter().map(|corners| boxed(*corners, frame)).collect();
-        let tree = build_bvh2(&boxes, BvhBuildParams::fast_build(), &mut Duration::default());
-        Self { sizes, corners, normals, tree, frame, smallest: SMALL * diagonal }
+        Self { sizes, boxes: Boxes::around(&corners), corners, normals, smallest: SMALL * diagonal }
     }
 
     /// Whether two triangles of one surface share an edge, with such ends, along which there is another surface.
@@ -75,17 +65,13 @@ impl<'a> Surfaces<'a> {
     /// Whether a triangle of another surface than that of a pair, and not much smaller, is at a place.
     fn is_met(&self, pair: [usize; 2], place: DVec3, size: f64) -> bool {
         let reach = SNAP * size;
-        let around = [place - reach, place, place + reach];
         let mut met = false;
-        self.tree.aabb_traverse(boxed(around, self.frame), |tree, node| {
-            let node = &tree.nodes[node as usize];
-            let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-            met = tree.primitive_indices[range].iter().map(|&other| other as usize).any(|other| {
-                let stands = |t: usize| self.normals[t].dot(self.normals[other]).abs() < SAME_SURFACE;
-                self.sizes[other] > FINE * size
-                    && pair.iter().all(|&t| stands(t))
-                    && distance(self.corners[other], self.normals[other], place) <= reach
-            });
+        self.boxes.meet(&[place - reach, place + reach], |other| {
+            let other = other as usize;
+            let stands = |t: usize| self.normals[t].dot(self.normals[other]).abs() < SAME_SURFACE;
+            met = self.sizes[other] > FINE * size
+                && pair.iter().all(|&t| stands(t))
+                && distance(self.corners[other], self.normals[other], place) <= reach;
             !met
         });
         met

@@ -36,7 +36,6 @@ mod painting;
 mod pattern;
 mod ply;
 mod point_lights;
-mod rays;
 mod refine;
 mod refine_texture;
 mod relight;
@@ -77,12 +76,13 @@ pub use shapes::Shape;
 pub use sky::Sky;
 pub use sun::Sun;
 
+pub use antirad_rays::Rays;
+
 pub use adjacency::{Edges, Fans, Welded, sides};
 pub use creases::SAME_SURFACE;
 pub use error::{Place, nearest};
 pub use free_name::free_name;
 pub use pattern::Factors;
-pub use rays::Rays;
 pub use size::bounds;
 pub use tables::{CameraTable, Triple};
 pub use texture::{Wrap, linear_from_srgb, srgb_from_linear};
@@ -166,6 +166,12 @@ impl Scene {
     /// The three corners of a triangle, in metres.
     pub fn corners(&self, triangle: usize) -> [DVec3; 3] {
         self.triangles[triangle].vertices.map(|v| self.vertices[v as usize])
+    }
+
+    /// Rays among the triangles, except those without area. Requires [`Self::degenerate`] to be up to date.
+    pub fn rays(&self) -> Arc<Rays> {
+        let corners = (0..self.triangles.len()).map(|i| self.corners(i)).collect();
+        Rays::shared(corners, |i| self.degenerate.binary_search(i).is_err())
     }
 
     /// The origin of a triangle as text for messages, as far as known, such as

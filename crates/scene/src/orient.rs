@@ -141,7 +141,7 @@ pub(super) fn orient(scene: &mut Scene, keep: impl Fn(usize) -> bool) -> Vec<(St
 /// The lamps of a scene, and rays that tell from where they can be seen.
 struct Light<'a> {
     scene: &'a Scene,
-    rays: Rays,
+    rays: Arc<Rays>,
     lamps: Vec<usize>,
     shell_of: &'a [usize],
 }
@@ -150,7 +150,7 @@ impl<'a> Light<'a> {
     fn new(scene: &'a Scene, shell_of: &'a [usize]) -> Self {
         let shines = |&t: &usize| scene.shines(t);
         let lamps = (0..scene.triangles.len()).filter(shines).collect();
-        Self { scene, rays: Rays::new(scene), lamps, shell_of }
+        Self { scene, rays: scene.rays(), lamps, shell_of }
     }
 
     /// Whether a shell is dark as it faces, and would not be if it faced the other way.

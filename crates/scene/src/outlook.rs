@@ -2,6 +2,7 @@
 //! or empty.
 
 use glam::DVec3;
+use std::sync::Arc;
 
 use super::orient::spread;
 use super::{Camera, Rays, Scene, bounds};
@@ -37,7 +38,7 @@ impl Seen {
 
 pub(super) struct Outlook<'a> {
     scene: &'a Scene,
-    rays: Rays,
+    rays: Arc<Rays>,
     low: DVec3,
     high: DVec3,
 }
@@ -47,7 +48,7 @@ impl<'a> Outlook<'a> {
     pub fn new(scene: &'a Scene) -> Self {
         let (low, high) =
             bounds(scene.triangles.iter().flat_map(|t| t.vertices).map(|v| scene.vertices[v as usize]));
-        Self { scene, rays: Rays::new(scene), low, high }
+        Self { scene, rays: scene.rays(), low, high }
     }
 
     fn look(&self, camera: &Camera) -> Seen {

@@ -226,7 +226,7 @@ impl ManyLights {
         sources.sort_by_cached_key(|source| (place(source), source.lamp));
         let area: f64 = facets.iter().map(|facet| facet.area).sum();
         Self {
-            rays: Some(rays_among(facets).into()),
+            rays: Some(rays_among(facets)),
             sources: sources.into(),
             solid_of,
             count,

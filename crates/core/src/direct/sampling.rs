@@ -149,7 +149,7 @@ impl Sampling {
     }
 
     fn counted(facets: &[Facet], lamps: &[Lamp], counts: Arc<Vec<u32>>) -> Self {
-        let rays = Arc::new(rays_among(facets));
+        let rays = rays_among(facets);
         let surfaces = lamps.iter().map(|lamp| Surface::new(facets, lamp)).collect();
         Self { rays, surfaces: Arc::new(surfaces), counts }
     }

@@ -3,6 +3,7 @@
 use super::vector::Vector;
 use antirad_scene::Rays;
 use glam::{DMat3, DVec3};
+use std::sync::Arc;
 
 /// A triangle with the quantities that the operators read.
 #[derive(Clone, Copy, Debug)]
@@ -22,9 +23,9 @@ pub struct Facet<V: Vector = DVec3> {
 }
 
 /// Rays among triangles, of which those without area stop none.
-pub fn rays_among(facets: &[Facet]) -> Rays {
+pub fn rays_among(facets: &[Facet]) -> Arc<Rays> {
     let corners = facets.iter().map(|facet| facet.corners).collect();
-    Rays::among(corners, |i| facets[*i as usize].area > 0.0)
+    Rays::shared(corners, |i| facets[*i as usize].area > 0.0)
 }
 
 impl Facet {

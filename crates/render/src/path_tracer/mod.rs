@@ -20,6 +20,7 @@ use numbers::{Numbers, estimate};
 pub use picture::{TracedPicture, TracedPixel};
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Reflections after which Russian roulette may end a path, with the throughput as the probability of survival.
 const ROULETTE_AFTER: u32 = 3;
@@ -38,7 +39,7 @@ pub struct MonteCarloEstimate {
 /// A Monte Carlo renderer.
 pub struct PathTracer<'a> {
     scene: &'a Scene,
-    rays: Rays,
+    rays: Arc<Rays>,
     normals: Vec<DVec3>,
     areas: Vec<f64>,
     /// Emitting triangles, with the cumulative probability of choosing each.
@@ -75,7 +76,7 @@ impl<'a> PathTracer<'a> {
         let (low, high) = bounds(scene.vertices.iter().copied());
         Self {
             scene,
-            rays: Rays::new(scene),
+            rays: scene.rays(),
             normals: vectors.iter().map(|v| v.normalize_or_zero()).collect(),
             areas,
             lights,

@@ -19,6 +19,7 @@ use antirad_scene::{Material, Rays};
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// How far the mean over a face of what interpolation shows may be from its irradiance, as a share of that, before points look around.
 const ROUGH: f64 = 0.1;
@@ -47,7 +48,7 @@ const PASSES: usize = 2;
 
 /// Light from near by.
 pub struct NearLight {
-    rays: Rays,
+    rays: Arc<Rays>,
     /// Whether points of each face look around.
     looks: Vec<bool>,
     /// Near senders of each face.

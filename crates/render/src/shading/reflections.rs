@@ -33,7 +33,7 @@ const MOST_KEPT: usize = 5_000_000;
 
 /// What rays see of the faces of a solution.
 pub struct Surroundings {
-    rays: Rays,
+    rays: Arc<Rays>,
     /// Per face, W/(m² sr); of lamps zero.
     emission: Vec<DVec3>,
     /// Per face, δρ/π, and the irradiance at its corners, W/m².
@@ -386,7 +386,7 @@ mod tests {
         let corners = facets.iter().map(|facet| facet.corners).collect();
         let count = facets.len();
         let surroundings = Surroundings {
-            rays: Rays::among(corners, |_| true),
+            rays: Rays::among(corners, |_| true).into(),
             emission,
             reflectance: vec![DVec3::ZERO; count],
             irradiance: vec![[DVec3::ZERO; 3]; count],

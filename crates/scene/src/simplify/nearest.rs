@@ -2,12 +2,8 @@
 
 use super::super::bounds;
 use super::super::contacts::barycentric;
-use super::super::rays::boxed;
+use antirad_rays::Boxes;
 use glam::DVec3;
-use obvhs::BvhBuildParams;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
-use std::time::Duration;
 
 /// Of the surface's size: how much farther a triangle counts whose front faces away.
 const AWAY: f64 = 0.02;
@@ -19,8 +15,8 @@ const BESIDE: [f64; 2] = [-1.0, 2.0];
 
 /// A surface, for searches.
 pub(crate) struct Nearest {
-    tree: Bvh2,
-    frame: (DVec3, f64),
+    boxes: Boxes,
+    middle: DVec3,
     size: f64,
     corners: Vec<[DVec3; 3]>,
 }
@@ -29,13 +25,7 @@ impl Nearest {
     pub fn new(corners: Vec<[DVec3; 3]>) -> Self {
         let (low, high) = bounds(corners.iter().flatten().copied());
         let size = if corners.is_empty() { 1.0 } else { (high - low).length().max(f64::MIN_POSITIVE) };
-        let frame = (0.5 * (low + high), 2.0 / size);
-        let boxes: Vec<_> = corners.iter().map(|&corners| boxed(corners, frame)).collect();
-        let tree = match boxes.is_empty() {
-            true => Default::default(),
-            false => build_bvh2(&boxes, BvhBuildParams::fast_build(), &mut Duration::default()),
-        };
-        Self { tree, frame, size, corners }
+        Self { boxes: Boxes::around(&corners), middle: 0.5 * (low + high), size, corners }
     }
 
     /// The nearest triangle to a place and its distance; those that face the other way than `normal` count as farther. `None` without
@@ -43,27 +33,20 @@ impl Nearest {
     pub fn find(&self, place: DVec3, normal: DVec3) -> Option<(u32, f64)> {
         let mut best = (f64::INFINITY, u32::MAX);
         let mut reach = FIRST * self.size + self.beside(place);
-        while !self.tree.nodes.is_empty() && best.0 > reach {
+        while !self.corners.is_empty() && best.0 > reach {
             if reach.is_infinite() {
                 return None;
             }
             reach *= GROWTH;
-            self.tree.aabb_traverse(
-                boxed([place - reach, place + reach, place], self.frame),
-                |tree, node| {
-                    let node = &tree.nodes[node as usize];
-                    let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-                    for &k in &tree.primitive_indices[range] {
-                        let corners = self.corners[k as usize];
-                        let away = area_vector(corners).dot(normal) < 0.0;
-                        let found = distance(corners, place) + if away { AWAY * self.size } else { 0.0 };
-                        if (found, k) < best {
-                            best = (found, k);
-                        }
-                    }
-                    true
-                },
-            );
+            self.boxes.meet(&[place - reach, place + reach], |k| {
+                let corners = self.corners[k as usize];
+                let away = area_vector(corners).dot(normal) < 0.0;
+                let found = distance(corners, place) + if away { AWAY * self.size } else { 0.0 };
+                if (found, k) < best {
+                    best = (found, k);
+                }
+                true
+            });
         }
         let corners = *self.corners.get(best.1 as usize)?;
         Some((best.1, distance(corners, place)))
@@ -71,7 +54,7 @@ impl Nearest {
 
     /// How far a place is from the ball around the surface, at most.
     fn beside(&self, place: DVec3) -> f64 {
-        (place.distance(self.frame.0) - 0.5 * self.size).max(0.0)
+        (place.distance(self.middle) - 0.5 * self.size).max(0.0)
     }
 }
 

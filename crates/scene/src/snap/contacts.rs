@@ -1,16 +1,10 @@
 //! Where regions touch: borders that end at a plane, and regions that share a plane.
 
-use super::super::bounds;
-use super::super::rays::boxed;
 use super::planes::Planes;
 use super::{Joints, NONE, Surface, normal};
 use antirad_base::parallel;
+use antirad_rays::Boxes;
 use glam::DVec3;
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
-use std::time::Duration;
 
 /// In distances: how far apart touching surfaces may be.
 const TOUCH: f64 = 1.5;
@@ -127,22 +121,22 @@ struct Near<'a> {
     joints: &'a Joints,
     planes: &'a Planes,
     triangles: Vec<u32>,
-    tree: Bvh2,
-    frame: (DVec3, f64),
+    boxes: Boxes,
     own: Vec<Vec<u32>>,
 }
 
 impl<'a> Near<'a> {
     fn new(surface: &'a Surface, joints: &'a Joints, planes: &'a Planes) -> Self {
         let triangles: Vec<u32> = planes.triangles.iter().flatten().copied().collect();
-        let (low, high) = bounds(surface.points.iter().copied());
-        let frame = (0.5 * (low + high), 2.0 / (high - low).length().max(f64::MIN_POSITIVE));
-        let boxes: Vec<Aabb> = triangles.iter().map(|&t| boxed(surface.corners(t), frame)).collect();
-        let tree = match boxes.is_empty() {
-            true => Bvh2::default(),
-            false => build_bvh2(&boxes, BvhBuildParams::fast_build(), &mut Duration::default()),
-        };
-        Self { surface, joints, planes, triangles, tree, frame, own: own_planes(joints, planes) }
+        let corners: Vec<[DVec3; 3]> = triangles.iter().map(|&t| surface.corners(t)).collect();
+        Self {
+            surface,
+            joints,
+            planes,
+            triangles,
+            boxes: Boxes::around(&corners),
+            own: own_planes(joints, planes),
+        }
     }
 
     /// The regions near a joint, the nearest place of each, by ascending plane.
@@ -150,32 +144,25 @@ impl<'a> Near<'a> {
         let place = self.joints.places[joint as usize];
         let reach = TOUCH * self.surface.distance;
         let mut found: Vec<Touch> = Vec::new();
-        if self.tree.nodes.is_empty() {
-            return found;
-        }
-        self.tree.aabb_traverse(boxed([place - reach, place + reach, place], self.frame), |tree, node| {
-            let node = &tree.nodes[node as usize];
-            let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-            for &k in &tree.primitive_indices[range] {
-                let t = self.triangles[k as usize];
-                let plane = self.planes.of[t as usize];
-                if self.own[joint as usize].contains(&plane) {
-                    continue;
-                }
-                let (nearest, weights) = nearest_on(self.surface.corners(t), place);
-                let apart = nearest.distance(place);
-                let at_border = (0..3).any(|side| {
-                    let beyond = self.joints.beyond[t as usize][side];
-                    let border = beyond == NONE || self.planes.of[beyond as usize] != plane;
-                    border && weights[(side + 2) % 3] == 0.0
-                });
-                let touch = Touch { plane, apart, at_border };
-                match found.iter_mut().find(|known| known.plane == plane) {
-                    _ if apart.is_nan() || apart > reach => {}
-                    Some(known) if apart < known.apart => *known = touch,
-                    Some(_) => {}
-                    None => found.push(touch),
-                }
+        self.boxes.meet(&[place - reach, place + reach], |k| {
+            let t = self.triangles[k as usize];
+            let plane = self.planes.of[t as usize];
+            if self.own[joint as usize].contains(&plane) {
+                return true;
+            }
+            let (nearest, weights) = nearest_on(self.surface.corners(t), place);
+            let apart = nearest.distance(place);
+            let at_border = (0..3).any(|side| {
+                let beyond = self.joints.beyond[t as usize][side];
+                let border = beyond == NONE || self.planes.of[beyond as usize] != plane;
+                border && weights[(side + 2) % 3] == 0.0
+            });
+            let touch = Touch { plane, apart, at_border };
+            match found.iter_mut().find(|known| known.plane == plane) {
+                _ if apart.is_nan() || apart > reach => {}
+                Some(known) if apart < known.apart => *known = touch,
+                Some(_) => {}
+                None => found.push(touch),
             }
             true
         });

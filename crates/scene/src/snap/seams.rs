@@ -1,14 +1,10 @@
 //! Gaps: open edges of a mesh that run along each other, and points there that belong together.
 
-use super::super::rays::boxed;
-use super::super::{Edges, bounds};
+use super::super::Edges;
 use super::{NONE, Surface};
 use antirad_base::parallel;
+use antirad_rays::Boxes;
 use glam::DVec3;
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::builder::build_bvh2;
-use std::time::Duration;
 
 /// In distances: how far the ends of two edges may be apart that belong together, no farther than the edges are long.
 const GAP: f64 = 1.5;
@@ -76,16 +72,17 @@ pub(super) fn joined(surface: &Surface) -> Vec<u32> {
 
 /// Pairs of edges within reach: how far they are apart, their places in the list, and which of their ends belong together.
 fn pairs(open: &[Open]) -> Vec<(f64, [u32; 2], [[u32; 2]; 2])> {
-    let near = Near::new(open.iter().map(|edge| (edge.middle(), edge.reach)).collect());
+    let near = within(open.iter().map(|edge| (edge.middle(), edge.reach)));
     let of_edge = |one: u32| {
         let edge = &open[one as usize];
         let mut found = Vec::new();
-        near.visit(edge.middle(), |other| {
+        near.meet(&[edge.middle()], |other| {
             if other != one {
                 let pair = [one.min(other), one.max(other)];
                 let [first, second] = pair.map(|k| &open[k as usize]);
                 found.extend(first.apart(second).map(|(apart, ends)| (apart, pair, ends)));
             }
+            true
         });
         found
     };
@@ -93,6 +90,11 @@ fn pairs(open: &[Open]) -> Vec<(f64, [u32; 2], [[u32; 2]; 2])> {
     all.sort_by_key(|(_, pair, _)| *pair);
     all.dedup_by_key(|(_, pair, _)| *pair);
     all
+}
+
+/// Places with a reach each, found from any place within it.
+fn within(places: impl Iterator<Item = (DVec3, f64)>) -> Boxes {
+    Boxes::around(&places.map(|(place, reach)| [place - reach, place + reach]).collect::<Vec<_>>())
 }
 
 /// Joins open points that are nearest to each other.
@@ -105,15 +107,16 @@ fn join_points(surface: &Surface, open: &[Open], joints: &mut Union) {
     let points: Vec<u32> =
         (0..surface.points.len() as u32).filter(|&p| reach[p as usize].is_finite()).collect();
     let place = |k: u32| surface.points[points[k as usize] as usize];
-    let within = |k: u32| reach[points[k as usize] as usize].min(surface.distance);
-    let near = Near::new((0..points.len() as u32).map(|k| (place(k), within(k))).collect());
+    let reach_of = |k: u32| reach[points[k as usize] as usize].min(surface.distance);
+    let near = within((0..points.len() as u32).map(|k| (place(k), reach_of(k))));
     let nearest = |k: u32| {
         let mut best = (f64::INFINITY, NONE);
-        near.visit(place(k), |other| {
+        near.meet(&[place(k)], |other| {
             let apart = place(k).distance(place(other));
-            if other != k && apart <= within(k).min(within(other)) && (apart, other) < best {
+            if other != k && apart <= reach_of(k).min(reach_of(other)) && (apart, other) < best {
                 best = (apart, other);
             }
+            true
         });
         best.1
     };
@@ -125,41 +128,6 @@ fn join_points(surface: &Surface, open: &[Open], joints: &mut Union) {
                 joints.join(a, b);
             }
         }
-    }
-}
-
-/// Places with a reach each, found from any place within it.
-struct Near {
-    tree: obvhs::bvh2::Bvh2,
-    frame: (DVec3, f64),
-}
-
-impl Near {
-    fn new(places: Vec<(DVec3, f64)>) -> Self {
-        let (low, high) = bounds(places.iter().map(|(place, _)| *place));
-        let size = if places.is_empty() { 1.0 } else { (high - low).length().max(f64::MIN_POSITIVE) };
-        let frame = (0.5 * (low + high), 2.0 / size);
-        let boxes: Vec<Aabb> = places
-            .iter()
-            .map(|&(place, reach)| boxed([place - reach, place + reach, place], frame))
-            .collect();
-        let tree = match boxes.is_empty() {
-            true => Default::default(),
-            false => build_bvh2(&boxes, BvhBuildParams::fast_build(), &mut Duration::default()),
-        };
-        Self { tree, frame }
-    }
-
-    fn visit(&self, from: DVec3, mut call: impl FnMut(u32)) {
-        if self.tree.nodes.is_empty() {
-            return;
-        }
-        self.tree.aabb_traverse(boxed([from; 3], self.frame), |tree, node| {
-            let node = &tree.nodes[node as usize];
-            let range = node.first_index as usize..(node.first_index + node.prim_count) as usize;
-            tree.primitive_indices[range].iter().for_each(|&k| call(k));
-            true
-        });
     }
 }
 
