@@ -1,7 +1,7 @@
 //! Eight numbers at once by AVX2 and FMA, where a processor has them.
 
 use super::lanes::{Instructions, Lanes};
-use super::nodes::WIDTH;
+use super::numbering::WIDTH;
 use super::ray::{Hit, Way};
 use super::traverse::{Among, traverse};
 use std::arch::x86_64::*;

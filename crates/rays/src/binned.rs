@@ -1,7 +1,7 @@
 //! Binary trees of boxes by the surface area heuristic over bins (Wald 2007, "On fast construction of SAH-based bounding volume hierarchies").
 
 use super::frame::Bounds;
-use super::nodes::{NONE, WIDTH};
+use super::numbering::{NONE, WIDTH};
 
 /// Parts of the extent of a set of boxes, between which it may be split.
 const BINS: usize = 32;
@@ -14,7 +14,7 @@ const PARALLEL: usize = 1024;
 
 /// A box to put into a tree.
 #[derive(Clone, Copy)]
-pub struct Item {
+pub struct Boxed {
     pub bounds: Bounds,
     pub index: u32,
 }
@@ -31,11 +31,11 @@ pub enum Below {
 }
 
 /// The tree of some boxes, whose order changes.
-pub fn tree(items: &mut [Item]) -> Branch {
+pub fn tree(items: &mut [Boxed]) -> Branch {
     branch(items, LEVELS)
 }
 
-fn branch(items: &mut [Item], levels: u32) -> Branch {
+fn branch(items: &mut [Boxed], levels: u32) -> Branch {
     let bounds = Bounds::union_of(items.iter().map(|item| item.bounds));
     if items.len() <= WIDTH {
         let mut group = [NONE; WIDTH];
@@ -58,7 +58,7 @@ fn branch(items: &mut [Item], levels: u32) -> Branch {
 }
 
 /// As many on either side of the middle of the longest extent.
-fn halves(items: &mut [Item]) -> (&mut [Item], &mut [Item]) {
+fn halves(items: &mut [Boxed]) -> (&mut [Boxed], &mut [Boxed]) {
     let size = Extent::of(items).size;
     let axis = size.max_position();
     let half = items.len() / 2;
@@ -73,7 +73,7 @@ struct Extent {
 }
 
 impl Extent {
-    fn of(items: &[Item]) -> Self {
+    fn of(items: &[Boxed]) -> Self {
         let middles = items.iter().map(|item| item.bounds.middle());
         let around = Bounds::union_of(middles.map(|middle| Bounds { low: middle, high: middle }));
         Self { low: around.low, size: around.high - around.low }
@@ -90,12 +90,12 @@ struct Split {
 }
 
 impl Split {
-    fn bin_of(&self, item: &Item) -> usize {
+    fn bin_of(&self, item: &Boxed) -> usize {
         (((item.bounds.middle()[self.axis] - self.low) * self.scale) as usize).min(BINS - 1)
     }
 
     /// Puts those before the plane first, and counts them.
-    fn apart(&self, items: &mut [Item]) -> usize {
+    fn apart(&self, items: &mut [Boxed]) -> usize {
         let mut at = 0;
         for i in 0..items.len() {
             if self.bin_of(&items[i]) < self.bin {
@@ -108,7 +108,7 @@ impl Split {
 }
 
 /// The plane with the least sum of areas times numbers; `None` if all are in one place.
-fn best(items: &[Item]) -> Option<Split> {
+fn best(items: &[Boxed]) -> Option<Split> {
     let extent = Extent::of(items);
     let mut best = (f32::INFINITY, None);
     for axis in 0..3 {

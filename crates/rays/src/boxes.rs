@@ -1,8 +1,9 @@
 //! Boxes, to look for those that are near a place.
 
-use super::binned::Item;
+use super::binned::Boxed;
 use super::frame::{Bounds, Frame};
-use super::nodes::{Hierarchy, LEAF, NONE, WIDTH};
+use super::nodes::Hierarchy;
+use super::numbering::{LEAF, NONE, WIDTH};
 use glam::DVec3;
 
 /// A hierarchy of boxes.
@@ -17,7 +18,7 @@ impl Boxes {
     pub fn around<const N: usize>(of: &[[DVec3; N]]) -> Self {
         let frame = Frame::of(of.iter().flatten().copied());
         let bounds: Vec<Bounds> = of.iter().map(|points| frame.bounds(points)).collect();
-        let items = bounds.iter().enumerate().map(|(index, &bounds)| Item { bounds, index: index as u32 });
+        let items = bounds.iter().enumerate().map(|(index, &bounds)| Boxed { bounds, index: index as u32 });
         Self { hierarchy: Hierarchy::new(items.collect()), bounds, frame }
     }
 

@@ -1,6 +1,6 @@
 //! Eight numbers at once.
 
-use super::nodes::WIDTH;
+use super::numbering::WIDTH;
 use std::ops::{Add, Mul, Sub};
 use wide::{CmpLe, f32x8};
 

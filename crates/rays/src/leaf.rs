@@ -1,7 +1,7 @@
 //! Triangles in f32, eight at once.
 
 use super::frame::Frame;
-use super::nodes::{NONE, WIDTH};
+use super::numbering::{NONE, WIDTH};
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 

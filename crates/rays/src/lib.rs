@@ -16,6 +16,7 @@ mod frame;
 mod lanes;
 mod leaf;
 mod nodes;
+mod numbering;
 mod ray;
 mod rays;
 mod shared;
@@ -25,5 +26,6 @@ mod traverse;
 
 pub use boxes::Boxes;
 pub use leaf::Leaf;
-pub use nodes::{LEAF, NONE, Node, WIDTH};
+pub use nodes::Node;
+pub use numbering::{LEAF, NONE, WIDTH};
 pub use rays::{Rays, Side};

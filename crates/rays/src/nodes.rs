@@ -1,16 +1,10 @@
 //! The hierarchy: nodes of eight branches, made of a binary tree by opening the largest.
 
-use super::binned::{self, Below, Branch, Item};
+use super::binned::{self, Below, Boxed, Branch};
 use super::frame::Bounds;
+use super::numbering::{LEAF, NONE, WIDTH};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-
-/// Branches of a node, triangles of a leaf.
-pub const WIDTH: usize = 8;
-/// The bit of a branch that leads to a leaf; the others are its index.
-pub const LEAF: u32 = 1 << 31;
-/// No branch, no triangle.
-pub const NONE: u32 = u32::MAX;
 
 /// Eight boxes, in units of half the diagonal about the middle of all triangles, and where they lead. In memory 56 words in this order,
 /// fit for a buffer of a device.
@@ -50,7 +44,7 @@ pub struct Hierarchy {
 }
 
 impl Hierarchy {
-    pub fn new(mut items: Vec<Item>) -> Self {
+    pub fn new(mut items: Vec<Boxed>) -> Self {
         let mut hierarchy = Self { nodes: vec![Node::EMPTY], groups: Vec::new() };
         if !items.is_empty() {
             hierarchy.fill(0, binned::tree(&mut items));

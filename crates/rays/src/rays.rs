@@ -2,11 +2,12 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::avx2::Avx2;
-use super::binned::Item;
+use super::binned::Boxed;
 use super::frame::Frame;
 use super::lanes::Portable;
 use super::leaf::Leaf;
 use super::nodes::{self, Hierarchy, Node};
+use super::numbering;
 use super::ray::{Hit, Way};
 use super::traverse::{Among, traverse};
 use glam::DVec3;
@@ -64,7 +65,7 @@ impl Rays {
 
     fn build(corners: &[[DVec3; 3]], triangles: Vec<u32>, open: Vec<u32>) -> Self {
         let frame = Frame::of(triangles.iter().flat_map(|&i| corners[i as usize]));
-        let item = |&index: &u32| Item { bounds: frame.bounds(&corners[index as usize]), index };
+        let item = |&index: &u32| Boxed { bounds: frame.bounds(&corners[index as usize]), index };
         let Hierarchy { nodes, groups } = Hierarchy::new(triangles.iter().map(item).collect());
         Self {
             cost: nodes::cost(&nodes),
@@ -198,8 +199,8 @@ impl Rays {
     /// The nearest back and front that a ray meets, by distance and then by index, as far as one is not behind the other; else at ∞.
     #[inline(always)]
     fn nearest_sides(&self, origin: DVec3, direction: DVec3, from: Option<usize>) -> [(f64, u32); 2] {
-        let from = from.map_or(nodes::NONE, |from| from as u32);
-        let mut nearest = [(f64::INFINITY, nodes::NONE); 2];
+        let from = from.map_or(numbering::NONE, |from| from as u32);
+        let mut nearest = [(f64::INFINITY, numbering::NONE); 2];
         self.visit::<true>(
             Way { origin, direction },
             f64::INFINITY,

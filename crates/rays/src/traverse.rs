@@ -3,7 +3,8 @@
 use super::frame::Frame;
 use super::lanes::{Instructions, Lanes};
 use super::leaf::Leaf;
-use super::nodes::{LEAF, Node, WIDTH};
+use super::nodes::Node;
+use super::numbering::{LEAF, WIDTH};
 use super::ray::{Hit, Ray, Way};
 use std::cell::Cell;
 

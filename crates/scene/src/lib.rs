@@ -169,6 +169,7 @@ impl Scene {
     }
 
     /// Rays among the triangles, except those without area. Requires [`Self::degenerate`] to be up to date.
+    #[doc(hidden)]
     pub fn rays(&self) -> Arc<Rays> {
         let corners = (0..self.triangles.len()).map(|i| self.corners(i)).collect();
         Rays::shared(corners, |i| self.degenerate.binary_search(i).is_err())
