@@ -1,4 +1,4 @@
-//! What passes between N pairs of triangles, point to point. Twin of crates/core/glsl/bins_pair.glsl and what it includes.
+//! What passes between N pairs of triangles, point to point. Twin of crates/core/glsl/transport_bins.comp and what it includes.
 //!
 //! Loops over the pairs have no branches and no calls, so that compilers make vectors of them.
 
