@@ -61,7 +61,7 @@ pub use glam;
 pub mod scene {
     #[doc(inline)]
     pub use antirad_scene::{
-        BinLayout, Camera, CameraSet, Choice, Distortion, Focal, Frame, Intrinsics, LampFactor, Lamps, Lens,
+        BinLayout, Camera, CameraSet, Distortion, Focal, Frame, Intrinsics, LampFactor, Lamps, Lens,
         LoadOptions, Material, Mesh, Movable, Normalization, Orient, Origin, Painting, Patterns, Precision,
         Projection, Scene, SceneBuilder, SceneError, Shape, Similarity, Sky, SolveSettings, SolverChoice,
         Sun, TextureRefined, Transport, Triangle, VisibilityChoice,

@@ -17,6 +17,7 @@ mod check;
 mod contacts;
 mod covered;
 mod creases;
+mod cut;
 mod energy;
 mod error;
 mod file;
@@ -63,6 +64,7 @@ pub use backend::{BackendChoice, BackendKind};
 pub use builder::SceneBuilder;
 pub use camera::Camera;
 pub use cameras::{CameraSet, Distortion, Focal, Frame, Intrinsics, Lens, Projection, Similarity};
+pub use cut::Cut;
 pub use error::SceneError;
 pub use file::{LoadOptions, Orient};
 pub use given::GivenMeshes;
@@ -73,7 +75,7 @@ pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
 pub use relight::LampFactor;
 pub use settings::{
-    BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, Transport, VisibilityChoice,
+    BinLayout, Lamps, Precision, SolveSettings, SolverChoice, Transport, VisibilityChoice, check_target_error,
 };
 pub use shapes::Shape;
 pub use sky::Sky;
@@ -145,8 +147,9 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Settings of a solve.
     pub settings: SolveSettings,
-    /// Which settings are left to be chosen.
-    pub choice: Choice,
+    /// Relative L2 error of irradiance and pictures for which rays, mesh and tolerance are to be chosen; `None`: they are as
+    /// `settings` says.
+    pub target_error: Option<f64>,
     /// Indices of triangles without area: they keep their row in every output, but take no part in light transport.
     pub degenerate: Vec<u32>,
     /// Of each triangle, the sides (from corner k to the next) along which another surface meets its own: pictures interpolate nothing across.

@@ -21,7 +21,7 @@ use super::pattern::Pattern;
 use super::snap::{Snapped, snap};
 use super::tables::MaterialTable;
 use super::{
-    Camera, Choice, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle, bounds,
+    Camera, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle, bounds,
 };
 use simplified::Whole;
 
@@ -115,7 +115,7 @@ impl Assembly {
                 suns: Vec::new(),
                 cameras: Vec::new(),
                 settings: SolveSettings::default(),
-                choice: Default::default(),
+                target_error: None,
                 degenerate: Vec::new(),
                 creases: Vec::new(),
                 warnings: Vec::new(),
@@ -401,9 +401,9 @@ impl Assembly {
         self.scene.suns.push(sun);
     }
 
-    pub fn set_settings(&mut self, settings: SolveSettings, choice: Choice, line: usize) {
+    pub fn set_settings(&mut self, settings: SolveSettings, target_error: Option<f64>, line: usize) {
         self.scene.settings = settings;
-        self.scene.choice = choice;
+        self.scene.target_error = target_error;
         self.settings_line = Some(line);
     }
 
