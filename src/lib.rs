@@ -61,9 +61,9 @@ pub use glam;
 pub mod scene {
     #[doc(inline)]
     pub use antirad_scene::{
-        BinLayout, Camera, CameraSet, Choice, Frame, Lamps, LoadOptions, Material, Mesh, Movable,
-        Normalization, Orient, Painting, Precision, Scene, SceneBuilder, SceneError, Shape, Sky,
-        SolveSettings, SolverChoice, Sun, Triangle, VisibilityChoice,
+        BinLayout, Camera, CameraSet, Frame, Lamps, LoadOptions, Material, Mesh, Movable, Normalization,
+        Orient, Painting, Precision, Scene, SceneBuilder, SceneError, Shape, Sky, SolveSettings,
+        SolverChoice, Sun, Triangle, VisibilityChoice,
     };
     // For the tool and the Python package.
     #[doc(hidden)]

@@ -40,7 +40,7 @@ pub fn scene(vertices: Vec<DVec3>, triangles: &[[u32; 3]]) -> Scene {
         cameras: Vec::new(),
         settings: SolveSettings::default(),
         given: None,
-        choice: Default::default(),
+        target_error: None,
         degenerate: Vec::new(),
         creases: Vec::new(),
         warnings: Vec::new(),

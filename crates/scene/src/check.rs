@@ -4,6 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 
+use super::settings::check_target_error;
 use super::{Camera, Material, Mesh, Normalization, Scene, SceneError, Sun, Triangle};
 
 /// A quarter of the range of 32-bit indices, so that sums over corners and bins stay within it.
@@ -41,7 +42,7 @@ impl Scene {
             origins: Vec::new(),
             cameras: Vec::new(),
             settings: Default::default(),
-            choice: Default::default(),
+            target_error: None,
             degenerate: Vec::new(),
             creases: Vec::new(),
             warnings: Vec::new(),
@@ -89,7 +90,7 @@ impl Scene {
         self.check_suns(Sun::check)?;
         self.check_materials(Emission::Light)?.into_iter().for_each(|warning| self.warn(warning));
         self.settings.check()?;
-        self.choice.check()?;
+        check_target_error(self.target_error)?;
         self.cameras.iter().try_for_each(Camera::check)
     }
 

@@ -213,9 +213,9 @@ impl TomlFile<'_> {
         }
         if let Some(table) = &tables.settings {
             let place = self.place(table.span());
-            let (line, choice) = (place.line, table.get_ref().choice());
-            let choice = choice.map_err(|message| place.error(message))?;
-            assembly.set_settings(table.get_ref().settings(), choice, line);
+            let (line, target_error) = (place.line, table.get_ref().target_error());
+            let target_error = target_error.map_err(|message| place.error(message))?;
+            assembly.set_settings(table.get_ref().settings(), target_error, line);
         }
         Ok(())
     }

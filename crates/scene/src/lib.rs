@@ -17,6 +17,7 @@ mod check;
 mod contacts;
 mod covered;
 mod creases;
+mod cut;
 mod energy;
 mod error;
 mod file;
@@ -62,6 +63,7 @@ pub use backend::{BackendChoice, BackendKind};
 pub use builder::SceneBuilder;
 pub use camera::Camera;
 pub use cameras::{CameraSet, Distortion, Focal, Frame, Intrinsics, Lens, Projection, Similarity};
+pub use cut::Cut;
 pub use error::SceneError;
 pub use file::{LoadOptions, Orient};
 pub use given::GivenMeshes;
@@ -71,7 +73,9 @@ pub use painting::Painting;
 pub use pattern::Patterns;
 pub use refine_texture::TextureRefined;
 pub use relight::LampFactor;
-pub use settings::{BinLayout, Choice, Lamps, Precision, SolveSettings, SolverChoice, VisibilityChoice};
+pub use settings::{
+    BinLayout, Lamps, Precision, SolveSettings, SolverChoice, VisibilityChoice, check_target_error,
+};
 pub use shapes::Shape;
 pub use sky::Sky;
 pub use sun::Sun;
@@ -145,9 +149,9 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Settings of a solve.
     pub settings: SolveSettings,
-    /// Which settings are left to be chosen.
-    #[doc(hidden)]
-    pub choice: Choice,
+    /// Relative L2 error of irradiance and pictures for which rays, mesh and tolerance are to be chosen; `None`: they are as
+    /// `settings` says.
+    pub target_error: Option<f64>,
     /// Indices of triangles without area: they keep their row in every output, but take no part in light transport.
     #[doc(hidden)]
     pub degenerate: Vec<u32>,

@@ -1,5 +1,6 @@
 //! Albedo textures that are fitted: their texels are unknowns.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use glam::{DAffine2, DVec2, DVec3};
@@ -90,6 +91,14 @@ impl Painting {
     #[doc(hidden)]
     pub fn means(&self) -> &[Vec<(u32, f64)>] {
         &self.means
+    }
+
+    /// The same over the parts of its triangles. `triangle_of`: of each part, in the order of all.
+    pub(super) fn over(&self, triangle_of: impl Iterator<Item = u32>) -> Self {
+        let places: HashMap<u32, usize> = self.triangles.iter().copied().zip(0..).collect();
+        let mean = |(part, triangle): (u32, u32)| Some((part, self.means[*places.get(&triangle)?].clone()));
+        let (triangles, means) = (0..).zip(triangle_of).filter_map(mean).unzip();
+        Self { triangles, means, chart_of: self.chart_of.clone(), ..*self }
     }
 
     /// Number of texels.

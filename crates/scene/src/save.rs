@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::texture::Texture;
 use super::{
-    BinLayout, Choice, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun,
-    VisibilityChoice, free_name,
+    BinLayout, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun, VisibilityChoice,
+    free_name,
 };
 use antirad_base::output::{OutputError, atomic_write};
 
@@ -241,24 +241,15 @@ impl Scene {
                 Normalization::Energy => "energy",
             },
         };
-        // Settings that a program has changed count as stated, even if `choice` says that they are open.
-        let usual = SolveSettings::default();
-        let (error, state_bins, state_near_field) = match self.choice {
-            Choice::Within(error) => (Some(error), false, false),
-            Choice::Open { bins, near_field } => (
-                None,
-                !bins || self.settings.bins != usual.bins,
-                !near_field || self.settings.near_field != usual.near_field,
-            ),
-        };
+        let (error, usual) = (self.target_error, SolveSettings::default());
         let bins = BTreeMap::from([match self.settings.bins {
             BinLayout::EqualAngle { theta, phi } => ("equal_angle", Bins::Two([theta, phi])),
             BinLayout::Concentric { n } => ("concentric", Bins::One(n)),
         }]);
         let settings = SettingsTable {
             error,
-            bins: state_bins.then_some(bins),
-            near_field: state_near_field.then_some(self.settings.near_field),
+            bins: (self.settings.bins != usual.bins).then_some(bins),
+            near_field: (self.settings.near_field != usual.near_field).then_some(self.settings.near_field),
             lamps: match self.settings.lamps {
                 Lamps::Auto => "auto",
                 Lamps::Exact => "exact",
@@ -275,7 +266,6 @@ impl Scene {
             precision: self.settings.precision.to_string(),
             backend: self.settings.backend.to_string(),
             visibility: match self.settings.visibility {
-                VisibilityChoice::Auto => "auto",
                 VisibilityChoice::Implicit => "implicit",
                 VisibilityChoice::Explicit => "explicit",
             },

@@ -102,13 +102,11 @@ pub enum Lamps {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum VisibilityChoice {
-    /// Explicit where blockers are dense, unless derivatives by positions are wanted; else implicit.
+    /// By rays: for any scene, with a little noise, and without derivatives of indirect light by positions.
     #[default]
-    Auto,
-    /// By antiradiance: differentiable and without noise, for blockers that are few and large.
-    Implicit,
-    /// By rays, for any blockers: with a little noise, and without derivatives by positions.
     Explicit,
+    /// By antiradiance: differentiable by positions and without noise, for blockers that are few and large.
+    Implicit,
 }
 
 /// Which solver to use.
@@ -198,46 +196,17 @@ setters!(SolveSettings {
     backend: BackendChoice,
 });
 
-/// Which of a scene's [`SolveSettings`] are left to be chosen for it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Choice {
-    /// Bins, range of the near field, or neither. Open settings have their default value; another may suit the scene better
-    /// (`target_error::usual_settings`).
-    Open {
-        /// Whether the bins are open.
-        bins: bool,
-        /// Whether the range of the near field is open.
-        near_field: bool,
-    },
-    /// Bins, near field, mesh and tolerance are chosen for this target error, relative L2, of irradiance and pictures
-    /// (`target_error::solve_within`).
-    Within(f64),
-}
-
-impl Default for Choice {
-    /// Everything is open.
-    fn default() -> Self {
-        Self::Open { bins: true, near_field: true }
-    }
-}
-
-impl Choice {
-    /// Nothing is open.
-    #[doc(hidden)]
-    pub const STATED: Self = Self::Open { bins: false, near_field: false };
-
-    /// Checks the target error, if there is one.
-    ///
-    /// # Errors
-    /// Fails if it does not lie between 0 and 1.
-    #[doc(hidden)]
-    pub fn check(self) -> Result<(), SceneError> {
-        match self {
-            Self::Within(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::SolveSettings {
-                message: format!("error = {error} must lie between 0 and 1; 0.02 is 2 %"),
-            }),
-            _ => Ok(()),
-        }
+/// Checks a target error, if there is one.
+///
+/// # Errors
+/// Fails if it does not lie between 0 and 1.
+#[doc(hidden)]
+pub fn check_target_error(error: Option<f64>) -> Result<(), SceneError> {
+    match error {
+        Some(error) if !(error > 0.0 && error < 1.0) => Err(SceneError::SolveSettings {
+            message: format!("error = {error} must lie between 0 and 1; 0.02 is 2 %"),
+        }),
+        _ => Ok(()),
     }
 }
 
@@ -279,7 +248,7 @@ impl Default for SolveSettings {
             max_passes: 200,
             solver: SolverChoice::Auto,
             precision: Precision::F32,
-            visibility: VisibilityChoice::Auto,
+            visibility: VisibilityChoice::default(),
             ray_error: 0.005,
             backend: BackendChoice::Auto,
         }

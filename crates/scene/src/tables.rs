@@ -12,7 +12,7 @@ use toml::Spanned;
 
 use super::error::{Place, SceneError};
 use super::{
-    BackendChoice, BinLayout, Camera, Choice, Lamps, Material, Normalization, Orient, Precision, Shape,
+    BackendChoice, BinLayout, Camera, Lamps, Material, Normalization, Orient, Precision, Shape,
     SolveSettings, SolverChoice, VisibilityChoice,
 };
 
@@ -221,25 +221,18 @@ impl SettingsTable {
 }
 
 impl SettingsTable {
-    /// Which settings are left open. A target error excludes the settings that are chosen for it.
+    /// The target error. It excludes the settings that are chosen for it.
     ///
     /// # Errors
     /// Fails if a target error is given along with a setting that is chosen for it.
-    pub fn choice(&self) -> Result<Choice, String> {
-        let stated = [
-            ("bins", self.bins.is_some()),
-            ("near_field", self.near_field.is_some()),
-            ("tolerance", self.tolerance.is_some()),
-        ];
+    pub fn target_error(&self) -> Result<Option<f64>, String> {
+        let stated = [("bins", self.bins.is_some()), ("tolerance", self.tolerance.is_some())];
         match (self.error, stated.iter().find(|(_, stated)| *stated)) {
             (Some(_), Some((name, _))) => Err(format!(
-                "`error` and `{name}` cannot both be given: bins, near_field and tolerance are chosen for the error; \
+                "`error` and `{name}` cannot both be given: bins, rays, mesh and tolerance are chosen for the error; \
                  remove one of the two"
             )),
-            (Some(error), None) => Ok(Choice::Within(error)),
-            (None, _) => {
-                Ok(Choice::Open { bins: self.bins.is_none(), near_field: self.near_field.is_none() })
-            }
+            (error, _) => Ok(error),
         }
     }
 }

@@ -20,9 +20,7 @@ use super::outlook::{self, Outlook};
 use super::pattern::Pattern;
 use super::snap::{Snapped, snap};
 use super::tables::MaterialTable;
-use super::{
-    Camera, Choice, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle, bounds,
-};
+use super::{Camera, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle, bounds};
 use simplified::Whole;
 
 pub(super) use simplified::Most;
@@ -115,7 +113,7 @@ impl Assembly {
                 suns: Vec::new(),
                 cameras: Vec::new(),
                 settings: SolveSettings::default(),
-                choice: Default::default(),
+                target_error: None,
                 degenerate: Vec::new(),
                 creases: Vec::new(),
                 warnings: Vec::new(),
@@ -401,9 +399,9 @@ impl Assembly {
         self.scene.suns.push(sun);
     }
 
-    pub fn set_settings(&mut self, settings: SolveSettings, choice: Choice, line: usize) {
+    pub fn set_settings(&mut self, settings: SolveSettings, target_error: Option<f64>, line: usize) {
         self.scene.settings = settings;
-        self.scene.choice = choice;
+        self.scene.target_error = target_error;
         self.settings_line = Some(line);
     }
 
