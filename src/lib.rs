@@ -100,6 +100,12 @@ pub mod gpu {
     }
 }
 
+/// What a scene leaves open, decided once for all that is done with it.
+pub mod resolve {
+    #[doc(inline)]
+    pub use antirad_core::resolve::{Decision, Moves, ResolveOptions, Resolved, resolve};
+}
+
 /// Sizes and lists, decided before anything is allocated.
 pub mod plan {
     #[doc(inline)]
@@ -175,11 +181,8 @@ pub mod target_error {
     #[doc(inline)]
     pub use antirad_render::target_error::{
         Answer, ErrorEstimate, IrradianceEstimate, PictureEstimate, Refinement, SearchError, Solved, Stage,
-        Step, TargetErrorOptions, solve_within, usual_settings,
+        Step, TargetErrorOptions, solve_within,
     };
-    // For the tool and the Python package.
-    #[doc(hidden)]
-    pub use antirad_render::target_error::usual_plan;
 }
 
 /// What a scene will do to the accuracy of its solution, found before a solve, and its remedies.
@@ -190,7 +193,7 @@ pub mod warnings {
     };
     // For the tool and the Python package.
     #[doc(hidden)]
-    pub use antirad_render::warnings::{MATTERS, cut_for_rays, told_from, too_coarse};
+    pub use antirad_render::warnings::{MATTERS, told_from};
 }
 
 /// What pictures of a scene leave undetermined.

@@ -12,7 +12,7 @@ pub const SOLVERS: [&str; 3] = ["auto", "fixed-point", "gmres"];
 /// The words of ways to the light of lamps.
 pub const LAMPS: [&str; 4] = ["auto", "exact", "sampled", "antiradiance"];
 /// The words of ways to visibility.
-pub const VISIBILITIES: [&str; 3] = ["auto", "implicit", "explicit"];
+pub const VISIBILITIES: [&str; 2] = ["explicit", "implicit"];
 /// The words of ways to turn faces.
 pub const ORIENTATIONS: [&str; 2] = ["auto", "keep"];
 /// The words of shadings.

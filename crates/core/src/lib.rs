@@ -11,6 +11,7 @@ pub mod gradients;
 mod gradients_direct;
 pub mod model;
 pub mod plan;
+pub mod resolve;
 mod revision;
 mod rows;
 pub mod shaders;

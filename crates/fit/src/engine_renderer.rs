@@ -4,12 +4,12 @@ use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
 use antirad_base::{Watch, parallel};
 use antirad_core::backend::Backend;
 use antirad_core::plan::{GradientRequest, Plan, PlanError, PlanOptions};
+use antirad_core::resolve::{Moves, ResolveOptions, Resolved, resolve};
 use antirad_core::{Engine, EngineError, Solution, SolveParams};
 use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, View};
 use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
 use antirad_render::shading::{Reflections, Shading};
-use antirad_render::warnings::Warnings;
-use antirad_scene::{Camera, Painting, Scene, VisibilityChoice};
+use antirad_scene::{Camera, Cut, Painting, Scene};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -29,6 +29,8 @@ const MOVED: f64 = 1e-4;
 pub struct EngineRenderer {
     backend: Backend,
     renderer: render::Renderer,
+    /// Of the triangles of scenes, which are solved in parts: what goes in and comes out is that of the triangles.
+    cut: Cut,
     /// The plan is made for its materials, which require as much as any later ones. Positions and cameras are those of `coverage`.
     planning: Scene,
     request: GradientRequest,
@@ -49,10 +51,6 @@ pub struct EngineRenderer {
     latest: Option<Latest>,
     /// Light with other vertices, to start from.
     start: Option<Solution>,
-    /// Whether visibility stays as it is: a scene has had pictures by it.
-    answered: bool,
-    /// Whether visibility has become explicit.
-    explicit: bool,
 }
 
 /// Pictures per view.
@@ -72,12 +70,12 @@ struct Latest {
 }
 
 impl EngineRenderer {
-    /// Renders scenes with the triangles of `planning` and materials that require no more than its own
+    /// Resolves `planning` ([`resolve`]), and renders scenes with its triangles and materials that require no more than its own
     /// ([`Parameters::planning_scene`](super::Parameters::planning_scene)), seen from the cameras of each with `supersample` x
     /// `supersample` samples per pixel, and computes the derivatives in `request`.
     ///
     /// # Errors
-    /// Fails if the kernel of pictures cannot be compiled.
+    /// Fails if the scene is invalid, or if the kernel of pictures cannot be compiled.
     pub fn new(
         backend: impl Into<Backend>,
         planning: Scene,
@@ -86,11 +84,24 @@ impl EngineRenderer {
         watch: Watch,
     ) -> Result<Self, ImageError> {
         let backend = backend.into();
+        let moves = match request {
+            GradientRequest { positions: true, .. } => Moves::Vertices,
+            GradientRequest { camera: true, .. } => Moves::Cameras,
+            _ => Moves::Nothing,
+        };
+        let stated = planning.settings;
+        let Resolved { scene: planning, cut, decisions } =
+            resolve(&planning, &ResolveOptions::default().moves(moves)).map_err(ImageError::from)?;
+        if planning.settings.visibility != stated.visibility {
+            let why = decisions.iter().filter(|decision| decision.setting == "visibility");
+            why.for_each(|decision| tracing::warn!("visibility is {}: {}", decision.value, decision.why));
+        }
         let reflections = if request.geometry() { Reflections::Bins } else { Reflections::FixedRays };
         let options = RenderOptions::default().supersample(supersample).reflections(reflections);
         Ok(Self {
             renderer: render::Renderer::new(&backend, options)?,
             backend,
+            cut,
             planning,
             request,
             watch,
@@ -103,8 +114,6 @@ impl EngineRenderer {
             coverage: Vec::new(),
             latest: None,
             start: None,
-            answered: false,
-            explicit: false,
         })
     }
 
@@ -122,12 +131,12 @@ impl EngineRenderer {
 
     /// Derivatives by positions are those of some vertices alone, by their indices in the scene: by others they are zero.
     pub fn movable(self, vertices: Vec<u32>) -> Self {
-        Self { movable: Some(vertices), ..self }
+        Self { movable: Some(self.cut.moved_by(&vertices)), ..self }
     }
 
     /// Derivatives by albedo include those by the texels of these textures.
     pub fn paintings(self, paintings: Vec<Painting>) -> Self {
-        Self { paintings, ..self }
+        Self { paintings: paintings.iter().map(|painting| self.cut.paint(painting)).collect(), ..self }
     }
 
     fn plan(&self, scene: &Scene, gradients: GradientRequest) -> Result<Plan, RenderError> {
@@ -148,7 +157,18 @@ impl EngineRenderer {
     /// Fails if the scene or a camera is invalid, or if the device fails.
     pub fn seen(&mut self) -> Result<Vec<bool>, RenderError> {
         self.look(&self.planning.clone())?;
-        Ok(Coverage::seen(self.coverage.iter().map(Arc::as_ref), self.planning.triangles.len()))
+        let parts = Coverage::seen(self.coverage.iter().map(Arc::as_ref), self.planning.triangles.len());
+        let mut seen = vec![false; self.cut.given()];
+        self.cut.parents().zip(parts).for_each(|(triangle, is_seen)| seen[triangle as usize] |= is_seen);
+        Ok(seen)
+    }
+
+    /// The parts of the triangles of a scene, with the resolved settings but for tolerance and passes.
+    fn parts(&self, scene: &Scene) -> Scene {
+        let mut parts = self.cut.apply(scene);
+        let SolveParams { tolerance, max_passes, .. } = SolveParams::from(&scene.settings);
+        parts.settings = self.planning.settings.tolerance(tolerance).max_passes(max_passes);
+        parts
     }
 
     /// Computes the coverage at the positions and from the cameras of a scene, as far as they have changed.
@@ -176,33 +196,6 @@ impl EngineRenderer {
         let views = scene.cameras.iter().enumerate().map(look);
         self.coverage = views.collect::<Result<_, _>>().map_err(failed)?;
         Ok(())
-    }
-
-    /// Whether visibility may become explicit, where the first scene has no solution or lets light pass through backs. It stays from then on, so
-    /// that all pictures of a fit are made alike.
-    fn may_become_explicit(&self) -> bool {
-        let automatic = self.planning.settings.visibility == VisibilityChoice::Auto;
-        let is_implicit = self.engine.as_ref().is_some_and(|engine| !engine.plan().transport().is_explicit());
-        automatic && is_implicit && !self.answered && !self.independent && !self.request.positions
-    }
-
-    /// Whether antiradiance lets so much light pass through backs that pictures tell.
-    fn lets_light_through(&self, scene: &Scene) -> bool {
-        let Some(engine) = &self.engine else { return false };
-        let passed = Warnings::light_through_backs(scene, engine.plan());
-        if let Some(passed) = passed {
-            tracing::info!(
-                "antiradiance would add {:.1} % of light that passes through backs: the fit has explicit visibility",
-                100.0 * passed
-            );
-        }
-        passed.is_some()
-    }
-
-    fn become_explicit(&mut self) {
-        self.explicit = true;
-        self.planning.settings.visibility = VisibilityChoice::Explicit;
-        self.retire();
     }
 
     /// Frees the memory of the engine before that of the next one is allocated, but for the light to start from, where there is room for
@@ -322,8 +315,8 @@ impl EngineRenderer {
 }
 
 impl Renderer for EngineRenderer {
-    fn estimate(&mut self, planning: &Scene) -> Result<CostEstimate, RenderError> {
-        let plan = self.plan(planning, self.request)?;
+    fn estimate(&mut self, _: &Scene) -> Result<CostEstimate, RenderError> {
+        let plan = self.plan(&self.planning, self.request)?;
         let solves = SOLVES + if self.request.positions { SOLVES_OF_GEOMETRY } else { 0.0 };
         let report = plan.report();
         Ok(CostEstimate {
@@ -334,6 +327,7 @@ impl Renderer for EngineRenderer {
     }
 
     fn pictures(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        let scene = &self.parts(scene);
         if self.planned != self.request {
             // An engine for pictures alone.
             self.retire();
@@ -350,26 +344,12 @@ impl Renderer for EngineRenderer {
             return Ok(pictures);
         }
         let params = SolveParams::from(&scene.settings);
-        let latest = match self.render(scene, params, false, self.request) {
-            Err(RenderError::NoAnswer(reason)) if self.may_become_explicit() => {
-                tracing::warn!("{reason}");
-                tracing::warn!(
-                    "antiradiance creates light among these blockers: the fit has explicit visibility"
-                );
-                self.become_explicit();
-                self.render(scene, params, false, self.request)?
-            }
-            Ok(_) if self.may_become_explicit() && self.lets_light_through(scene) => {
-                self.become_explicit();
-                self.render(scene, params, false, self.request)?
-            }
-            latest => latest?,
-        };
-        self.answered = true;
+        let latest = self.render(scene, params, false, self.request)?;
         Ok(self.latest.insert(latest).pictures.clone())
     }
 
     fn pictures_near(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        let scene = &self.parts(scene);
         if self.planning.vertices != scene.vertices {
             // No derivatives are wanted here, and other vertices need another engine anyway.
             let params = SolveParams::from(&scene.settings);
@@ -386,6 +366,7 @@ impl Renderer for EngineRenderer {
     }
 
     fn pictures_of_difference(&mut self, scene: &Scene) -> Result<Vec<Vec<DVec3>>, RenderError> {
+        let scene = &self.parts(scene);
         let latest = self.render(scene, SolveParams::from(&scene.settings), true, self.request)?;
         Ok(self.latest.insert(latest).pictures.clone())
     }
@@ -415,11 +396,12 @@ impl Renderer for EngineRenderer {
             params: *params,
         };
         let pulled = self.renderer.pull_back(engine, solution, scene, light, &views, wanted, &mut progress);
-        Ok(Some(pulled.map_err(|error| match error {
+        let pulled = pulled.map_err(|error| match error {
             PictureError::Engine(error) => sort_out(error),
             PictureError::Image(error) => failed(error),
             error => failed(error),
-        })?))
+        })?;
+        Ok(Some(by_given(&self.cut, pulled)))
     }
 
     fn own_squares(&mut self, weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
@@ -433,7 +415,8 @@ impl Renderer for EngineRenderer {
                 squares.emission[face] += weights[pixel] * share * share;
             }
         }
-        Some(squares)
+        let (albedo, emission) = (self.cut.sums(&squares.albedo), self.cut.sums(&squares.emission));
+        Some(OwnSquares { albedo, emission })
     }
 
     fn points_in_pixels(&self) -> Option<Vec<Vec<Option<DVec3>>>> {
@@ -461,19 +444,23 @@ impl Renderer for EngineRenderer {
         (self.latest, self.start) = (None, None);
     }
 
-    fn has_become_explicit(&self) -> bool {
-        self.explicit
-    }
-
-    fn keep_visibility(&mut self, explicit: bool) {
-        self.answered = true;
-        if explicit {
-            self.become_explicit();
-        }
-    }
-
     fn passes(&self) -> u64 {
         self.passes
+    }
+}
+
+/// Derivatives by what belongs to the given triangles and vertices, from those by what belongs to parts.
+fn by_given(cut: &Cut, by_parts: SceneGradient) -> SceneGradient {
+    let rgb = |by: Option<Vec<DVec3>>| by.map(|by| cut.sums(&by));
+    let number = |by: Option<Vec<f64>>| by.map(|by| cut.sums(&by));
+    SceneGradient {
+        emission: rgb(by_parts.emission),
+        diffuse: number(by_parts.diffuse),
+        albedo: rgb(by_parts.albedo),
+        specular: rgb(by_parts.specular),
+        power: number(by_parts.power),
+        positions: by_parts.positions.map(|by| cut.by_given_vertices(&by)),
+        ..by_parts
     }
 }
 

@@ -20,7 +20,7 @@ use antirad_base::output::OutputError;
 use antirad_base::setters;
 use antirad_render::image::ImageError;
 use antirad_render::render::Quantity;
-use antirad_scene::{Camera, Choice, Scene, SceneError};
+use antirad_scene::{Camera, Scene, SceneError};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
@@ -360,7 +360,7 @@ impl Job {
                 groups(what, &scene, &targets).map_err(|message| ParameterError { fit, message })?;
         }
         // The solve settings stay the same from the first iteration to the last.
-        scene.choice = Choice::STATED;
+        scene.target_error = None;
         scene.settings.tolerance = settings.tolerance.unwrap_or(scene.settings.tolerance.min(1e-5));
         let identity = identity(&scene, &targets, &settings).map_err(|error| {
             FitError::Settings(format!("the job's identity cannot be serialised: {error}"))
@@ -499,9 +499,6 @@ impl Job {
             } else {
                 checkpoints.clear()?;
             }
-        }
-        if resumed_from.is_some() {
-            renderer.keep_visibility(progress.trail.is_explicit());
         }
         if resumed_from.is_none() && self.settings.scale_emission {
             let start = self.problem.parameters.start();

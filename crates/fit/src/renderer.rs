@@ -123,16 +123,6 @@ pub trait Renderer {
     #[doc(hidden)]
     fn forget(&mut self) {}
 
-    /// Whether visibility has become explicit, as the first scene asked for.
-    #[doc(hidden)]
-    fn has_become_explicit(&self) -> bool {
-        false
-    }
-
-    /// Keeps visibility as it was in an earlier run: explicit if it had become so.
-    #[doc(hidden)]
-    fn keep_visibility(&mut self, _explicit: bool) {}
-
     /// Passes (applications of U) so far.
     #[doc(hidden)]
     fn passes(&self) -> u64;

@@ -12,8 +12,6 @@ const LONGEST: usize = 10;
 pub struct Trail {
     /// Rendered since light was last solved from darkness: each solve starts from the light of the point before.
     points: Vec<Vec<f64>>,
-    /// Whether visibility has become explicit.
-    explicit: bool,
 }
 
 impl Trail {
@@ -30,11 +28,6 @@ impl Trail {
             }
         }
         Ok(())
-    }
-
-    /// Whether visibility has become explicit.
-    pub fn is_explicit(&self) -> bool {
-        self.explicit
     }
 
     /// Whether it is time to start from darkness again.
@@ -56,7 +49,6 @@ impl Trail {
         work: impl FnOnce(&mut dyn Renderer) -> T,
     ) -> T {
         let done = work(renderer);
-        self.explicit = renderer.has_become_explicit();
         if stays {
             self.points.push(x.to_vec());
         }

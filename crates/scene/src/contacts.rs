@@ -41,6 +41,16 @@ impl Scene {
     /// Returns the original triangle of each new one.
     #[doc(hidden)]
     pub fn cut_along_contacts(&mut self, max_triangles: usize) -> Vec<u32> {
+        self.cut_at_contacts(max_triangles, true)
+    }
+
+    /// [`Self::cut_along_contacts`], but parts inside of others stay: they may come to light where vertices move.
+    #[doc(hidden)]
+    pub fn cut_along_all_contacts(&mut self, max_triangles: usize) -> Vec<u32> {
+        self.cut_at_contacts(max_triangles, false)
+    }
+
+    fn cut_at_contacts(&mut self, max_triangles: usize, leaves_out: bool) -> Vec<u32> {
         let count = self.triangles.len() as u32;
         let mut cuts = Contacts::of(self).cuts();
         cuts.sort_by_key(|(triangle, _)| {
@@ -69,7 +79,7 @@ impl Scene {
             return (0..count).collect();
         }
         let parents = self.replace(&parts);
-        let is_part = |t: &u32| parts[parents[*t as usize] as usize].is_some();
+        let is_part = |t: &u32| leaves_out && parts[parents[*t as usize] as usize].is_some();
         let covered = self.covered((0..parents.len() as u32).filter(is_part).collect());
         let left: Vec<Option<Vec<Part>>> = covered.iter().map(|covered| covered.then(Vec::new)).collect();
         let parents: Vec<u32> = self.replace(&left).into_iter().map(|part| parents[part as usize]).collect();

@@ -71,6 +71,12 @@ impl Cut {
         }
     }
 
+    /// That of a scene whose triangles stay whole.
+    pub fn none(scene: &Scene) -> Self {
+        let parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+        Self::between(scene, scene, &parents)
+    }
+
     /// Number of the given triangles.
     pub fn given(&self) -> usize {
         self.given_triangles

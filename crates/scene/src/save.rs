@@ -10,10 +10,7 @@ use glam::DVec2;
 use serde::Serialize;
 
 use super::texture::Texture;
-use super::{
-    BinLayout, Lamps, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun, VisibilityChoice,
-    free_name,
-};
+use super::{BinLayout, Material, Normalization, Scene, SolveSettings, SolverChoice, Sun, free_name};
 use antirad_base::output::{OutputError, atomic_write};
 
 #[derive(Serialize)]
@@ -65,14 +62,14 @@ struct SettingsTable {
     bins: Option<BTreeMap<&'static str, Bins>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     near_field: Option<f64>,
-    lamps: &'static str,
+    lamps: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     tolerance: Option<f64>,
     max_passes: u32,
     solver: &'static str,
     precision: String,
     backend: String,
-    visibility: &'static str,
+    visibility: String,
     ray_error: f64,
 }
 
@@ -250,12 +247,7 @@ impl Scene {
             error,
             bins: (self.settings.bins != usual.bins).then_some(bins),
             near_field: (self.settings.near_field != usual.near_field).then_some(self.settings.near_field),
-            lamps: match self.settings.lamps {
-                Lamps::Auto => "auto",
-                Lamps::Exact => "exact",
-                Lamps::Sampled => "sampled",
-                Lamps::Antiradiance => "antiradiance",
-            },
+            lamps: self.settings.lamps.to_string(),
             tolerance: error.is_none().then_some(self.settings.tolerance),
             max_passes: self.settings.max_passes,
             solver: match self.settings.solver {
@@ -265,10 +257,7 @@ impl Scene {
             },
             precision: self.settings.precision.to_string(),
             backend: self.settings.backend.to_string(),
-            visibility: match self.settings.visibility {
-                VisibilityChoice::Implicit => "implicit",
-                VisibilityChoice::Explicit => "explicit",
-            },
+            visibility: self.settings.visibility.to_string(),
             ray_error: self.settings.ray_error,
         };
         let sun = |sun: &Sun| SunTable {

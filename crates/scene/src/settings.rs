@@ -85,8 +85,8 @@ impl FromStr for BinLayout {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lamps {
-    /// Exactly where the emitters are few and shadows take at most several times as long as the solve, else sampled; by antiradiance
-    /// where emitters are many or derivatives by positions or emission are wanted.
+    /// Exactly where the emitters are few and shadows take at most several times as long as the solve, else sampled; like all other light where
+    /// they are more than can be followed.
     #[default]
     Auto,
     /// With exact visibility: shadows are as sharp as they are.
@@ -107,6 +107,26 @@ pub enum VisibilityChoice {
     Explicit,
     /// By antiradiance: differentiable by positions and without noise, for blockers that are few and large.
     Implicit,
+}
+
+impl fmt::Display for Lamps {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Auto => "auto",
+            Self::Exact => "exact",
+            Self::Sampled => "sampled",
+            Self::Antiradiance => "antiradiance",
+        })
+    }
+}
+
+impl fmt::Display for VisibilityChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Implicit => "implicit",
+            Self::Explicit => "explicit",
+        })
+    }
 }
 
 /// Which solver to use.

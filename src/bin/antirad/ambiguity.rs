@@ -12,6 +12,7 @@ use antirad::cli::Interrupt;
 use antirad::gpu::Bytes;
 use antirad::image::{Exposure, Rasterizer, ToneMap};
 use antirad::output::{atomic_write, prepare_directory, write_array, write_json};
+use antirad::resolve::ResolveOptions;
 use antirad::scene::{Camera, Scene};
 use clap::Args;
 use glam::DVec3;
@@ -96,7 +97,7 @@ struct Row {
 }
 
 pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<(), Failure> {
-    let scene = arguments.settings.load_settled(interrupt)?;
+    let scene = arguments.settings.load_resolved(&ResolveOptions::default().cut(false), interrupt)?.scene;
     let cameras = cameras::choose(&scene, &arguments.camera)?;
     if let Some(wrong) = arguments.triangle.iter().find(|&&i| i >= scene.triangles.len()) {
         let message = format!(

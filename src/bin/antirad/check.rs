@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::settings::MeshSettings;
 use antirad::cli::{Interrupt, Working};
-use antirad::plan::PlanOptions;
+use antirad::plan::{Plan, PlanOptions};
 use antirad::warnings::{MATTERS, Warning, Warnings};
 use clap::Args;
 use serde::Serialize;
@@ -36,7 +36,8 @@ struct Report<'a> {
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     // `antirad plan` tells whether a solve fits in memory.
     let options = PlanOptions::default().boundless();
-    let (scene, plan) = arguments.settings.load_planned(|_| options, interrupt)?;
+    let scene = arguments.settings.load_resolved(interrupt)?.scene;
+    let plan = Plan::new(&scene, &options, &scene.settings)?;
     let working = Working::on("looking for causes of errors");
     let warnings = interrupt.while_computing(|| Warnings::with_shadows(&scene, &plan));
     drop(working);

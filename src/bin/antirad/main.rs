@@ -7,7 +7,6 @@ mod compare;
 mod compare_pictures;
 mod devices;
 mod export;
-mod finer;
 mod fit;
 mod lamps;
 mod plan;

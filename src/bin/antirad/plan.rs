@@ -4,9 +4,11 @@ use crate::Failure;
 use crate::settings::SceneSettings;
 use antirad::backend::{Backend, BackendChoice};
 use antirad::cli::Interrupt;
-use antirad::plan::PlanOptions;
+use antirad::plan::{Plan, PlanOptions, PlanReport};
+use antirad::resolve::{Decision, ResolveOptions};
 use antirad::scene::Scene;
 use clap::Args;
+use serde::Serialize;
 
 #[derive(Args)]
 #[command(after_help = "Examples:
@@ -20,6 +22,14 @@ pub struct Arguments {
     json: bool,
 }
 
+/// A plan, and the decisions that it follows.
+#[derive(Serialize)]
+struct Planned<'a> {
+    resolved: &'a [Decision],
+    #[serde(flatten)]
+    plan: PlanReport,
+}
+
 pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> {
     let SceneSettings { backend, memory_budget, .. } = &arguments.settings;
     let options = |scene: &Scene| {
@@ -31,12 +41,18 @@ pub fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Failure> 
         };
         usual.memory_budget(memory_budget.unwrap_or(usual.memory_budget))
     };
-    let (_, plan) = arguments.settings.load_planned(options, interrupt)?;
+    let resolved = arguments.settings.load_resolved(&ResolveOptions::default(), interrupt)?;
+    let scene = &resolved.scene;
+    let plan = Plan::new(scene, &options(scene), &scene.settings)?;
     let report = plan.report();
     if arguments.json {
-        antirad::say!("{}", serde_json::to_string_pretty(&report)?);
+        let all = Planned { resolved: &resolved.decisions, plan: report };
+        antirad::say!("{}", serde_json::to_string_pretty(&all)?);
     } else {
-        antirad::say!("{report}");
+        for decision in &resolved.decisions {
+            antirad::say!("{decision}");
+        }
+        antirad::say!("\n{report}");
     }
     Ok(())
 }

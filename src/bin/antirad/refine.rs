@@ -47,7 +47,7 @@ fn tolerance(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<(), Failure> {
-    let mut scene = arguments.settings.load_settled(interrupt)?;
+    let mut scene = arguments.settings.load_resolved(interrupt)?.scene;
     let triangles = scene.triangles.len();
     let options = RefineOptions::default().max_triangles(arguments.max_triangles).levels(arguments.levels);
     let working = Working::on("refining");

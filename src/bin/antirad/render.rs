@@ -2,26 +2,23 @@
 
 use crate::Failure;
 use crate::cameras;
-use crate::finer::Finer;
 use crate::lamps::LampArguments;
 use crate::report::{DeviceReport, LampReport, MemoryUse, RankReport, Report, SolveReport};
-use crate::settings::{SceneSettings, parse_error};
+use crate::settings::{SceneSettings, parse_error, resolved};
 use crate::together::Together;
 use antirad::backend::Backend;
 use antirad::cli::{EXIT_UNRELIABLE, Interrupt, REFLECTIONS, SHADINGS, SolveBar, Working, word};
 use antirad::gpu::Bytes;
 use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
 use antirad::output::{prepare_directory, single, write_json, write_npy};
-use antirad::plan::PlanOptions;
+use antirad::plan::{Plan, PlanOptions};
 use antirad::render::{Reflections, Shading};
 use antirad::render::{RenderOptions, Renderer, Shown};
-use antirad::scene::{Camera, Choice, Precision, Scene, VisibilityChoice};
-use antirad::target_error::{
-    Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
-};
+use antirad::resolve::{Decision, ResolveOptions, Resolved};
+use antirad::scene::{Camera, Precision, Scene};
+use antirad::target_error::{Answer, Refinement, Solved, Stage, TargetErrorOptions, solve_within};
 use antirad::warnings::{Kind, MATTERS, Warning, Warnings, told_from};
 use antirad::{Engine, EngineError, Solution, SolveParams};
-use antirad_core::solve::SolveError;
 use clap::{Args, ValueEnum};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -52,19 +49,9 @@ pub struct Arguments {
     cameras: Option<PathBuf>,
     #[command(flatten)]
     relit: LampArguments,
-    /// Cut triangles first where others stand on them or pass through them, and where the mesh is too coarse for shadows, as `antirad
-    /// refine` does: always, never, or the latter into at most 4000 more where a triangle receives 12 % of the light of lamps, or what
-    /// surfaces reflect of it is off by 10 % (auto). Files per triangle have means over those given
-    #[arg(
-        long,
-        value_name = "WHEN",
-        value_enum,
-        num_args = 0..=1,
-        require_equals = true,
-        default_value = "auto",
-        default_missing_value = "always",
-        conflicts_with = "target_error"
-    )]
+    /// Cut triangles first where others stand on them or pass through them, near lamps, and where they reach further than light travels freely
+    /// (auto), or solve the mesh as it is given (never). Files per triangle have means over those given
+    #[arg(long, value_name = "WHEN", value_enum, default_value = "auto", conflicts_with = "target_error")]
     refine: Refine,
     /// Maximum number of triangles into which --target-error or --refine may subdivide the scene
     #[arg(long, value_name = "NUMBER", default_value_t = TargetErrorOptions::MAX_TRIANGLES)]
@@ -94,7 +81,6 @@ pub struct Arguments {
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Refine {
     Auto,
-    Always,
     Never,
 }
 
@@ -135,7 +121,7 @@ pub fn run(
     let mut stages = Stages::new();
     let mut scene = arguments.settings.load()?;
     let lamps = arguments.relit.apply(&mut scene)?;
-    scene.choice = arguments.target_error.map_or(scene.choice, Choice::Within);
+    scene.target_error = arguments.target_error.or(scene.target_error);
     let cameras: Vec<Camera> = match &arguments.cameras {
         Some(set) => cameras::of_set(set, &arguments.camera)?,
         None => cameras::choose(&scene, &arguments.camera)?.into_iter().cloned().collect(),
@@ -143,22 +129,23 @@ pub fn run(
     let directory = arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name));
     prepare_directory(&directory)?;
     stages.end("load");
-    let finer = match (scene.choice, arguments.refine) {
-        (Choice::Within(_), _) | (_, Refine::Never) => None,
-        (_, Refine::Always) => Some(Finer::of(&mut scene, arguments.max_triangles, interrupt)?),
-        (_, Refine::Auto) => Finer::where_needed(&mut scene, arguments.max_triangles, interrupt)?,
-    };
-    stages.end("refine");
     let options = arguments.settings.backend.options(arguments.settings.memory_budget);
     let backend = together.open(scene.settings.backend, options, interrupt)?;
     tracing::info!("backend {backend:?}, {} threads", backend.threads());
     let work = Work { arguments, quiet, interrupt, backend: &backend, cameras: &cameras };
-    let given_triangles = finer.as_ref().map(|finer| finer.given());
-    let rendered = match scene.choice {
-        Choice::Within(error) => work.within(error, &scene, &mut stages)?,
-        Choice::Open { .. } => work.usual(scene, finer, &mut stages)?,
+    let given = scene.triangles.len();
+    let rendered = match scene.target_error {
+        Some(error) => work.within(error, &scene, &mut stages)?,
+        None => {
+            let cut = arguments.refine == Refine::Auto;
+            let options = ResolveOptions::default().cut(cut).max_triangles(arguments.max_triangles);
+            let resolved = resolved(scene, &options, interrupt)?;
+            stages.end("refine");
+            work.resolved(resolved, &mut stages)?
+        }
     };
-    let Rendered { scene, irradiance, radiosity, answer, refinement, engine } = rendered;
+    let Rendered { scene, irradiance, radiosity, answer, refinement, engine, decisions } = rendered;
+    let given_triangles = (scene.triangles.len() != given).then_some(given);
     let light = match arguments.shading {
         Shading::Face => Shown::Faces(answer.colours),
         Shading::Gathered => Shown::Gathered(Box::new(answer.light)),
@@ -193,6 +180,7 @@ pub fn run(
         sampling_error: answer.sampling_error,
         ray_error: answer.ray_error,
         refinement,
+        resolved: decisions,
         given_triangles,
         lamps: lamps.into_iter().map(LampReport::from).collect(),
         memory: MemoryUse::from(backend.memory()),
@@ -270,51 +258,39 @@ impl Work<'_> {
         }
     }
 
-    /// Solves with the settings of the scene, and the usual ones where it states none.
-    fn usual(
-        &self,
-        mut scene: Scene,
-        finer: Option<Finer>,
-        stages: &mut Stages,
-    ) -> Result<Rendered, Failure> {
+    /// Solves a scene as it is resolved.
+    fn resolved(&self, resolved: Resolved, stages: &mut Stages) -> Result<Rendered, Failure> {
         let Self { arguments, quiet, interrupt, backend, cameras } = *self;
-        let options = PlanOptions::of(backend).pictures(self.reserved(&scene)?);
+        let scene = &resolved.scene;
+        let options = PlanOptions::of(backend).pictures(self.reserved(scene)?);
         let working = Working::on("planning");
-        let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, &options))?;
+        let plan = interrupt.while_computing(|| Plan::new(scene, &options, &scene.settings))?;
         drop(working);
-        scene.settings = settings;
         tracing::info!("{}", plan.report());
         stages.end("plan");
-        let working = Working::on("direct light");
-        let engine = interrupt.while_computing(|| Engine::new(backend, &scene, plan));
+        let working = Working::on("direct light and rays");
+        let engine = interrupt.while_computing(|| Engine::new(backend, scene, plan));
         drop(working);
         let mut engine = engine.map_err(failure)?;
         stages.end("prepare");
-        let bar = SolveBar::new(settings.tolerance, quiet);
-        let solved = solve(&mut engine, &scene, &bar, interrupt);
+        let bar = SolveBar::new(scene.settings.tolerance, quiet);
+        let solved = solve(&mut engine, scene, &bar, interrupt);
         bar.finish();
-        let automatic =
-            settings.visibility == VisibilityChoice::Auto && !engine.plan().transport().is_explicit();
-        if automatic && creates_light(&solved) {
-            stages.end("solve");
-            drop((solved, engine));
-            tracing::warn!(
-                "antiradiance creates light among these blockers: solving again with explicit visibility (--visibility implicit: as it is)"
-            );
-            scene.settings.visibility = VisibilityChoice::Explicit;
-            return self.usual(scene, finer, stages);
-        }
         let solution = solved.or_else(best_iterate)?;
         stages.end("solve");
         let working = Working::on("looking for causes of errors");
-        let warnings = interrupt.while_computing(|| Warnings::of(&scene, engine.plan()));
+        let warnings = interrupt.while_computing(|| Warnings::of(scene, engine.plan()));
         drop(working);
         stages.end("check");
         let _working = Working::on("gathering light");
         let answer = interrupt.while_computing(|| {
-            Answer::new(&mut engine, &scene, solution, cameras, arguments.reflections, warnings)
+            Answer::new(&mut engine, scene, solution, cameras, arguments.reflections, warnings)
         })?;
-        Ok(Rendered::plain(scene, answer, engine, finer))
+        let (irradiance, radiosity) =
+            (resolved.on_given(&answer.irradiance), resolved.on_given(&answer.radiosity));
+        let Resolved { scene, decisions, .. } = resolved;
+        let engine = Some(engine);
+        Ok(Rendered { scene, irradiance, radiosity, answer, refinement: None, engine, decisions })
     }
 
     /// The pictures of all cameras. Ranks make them together.
@@ -367,35 +343,24 @@ struct Rendered {
     refinement: Option<Refinement>,
     /// `None` if the solve has dropped it.
     engine: Option<Engine>,
+    /// What was decided before the solve, without a target error.
+    decisions: Vec<Decision>,
 }
 
 impl Rendered {
-    fn plain(scene: Scene, answer: Answer, engine: Engine, finer: Option<Finer>) -> Self {
-        let on_given = |values: &Vec<[f64; 3]>| match &finer {
-            Some(finer) => finer.on_given(&scene, values),
-            None => values.clone(),
-        };
-        let (irradiance, radiosity) = (on_given(&answer.irradiance), on_given(&answer.radiosity));
-        Self { scene, irradiance, radiosity, answer, refinement: None, engine: Some(engine) }
-    }
-
     fn refined(solved: Solved) -> Self {
         let irradiance = solved.on_given(&solved.answer.irradiance);
         let radiosity = solved.on_given(&solved.answer.radiosity);
         let Solved { scene, answer, refinement, .. } = solved;
-        Self { scene, irradiance, radiosity, answer, refinement: Some(refinement), engine: None }
-    }
-}
-
-/// Whether a solve has an answer that is not physical, or none.
-fn creates_light(solved: &Result<Solution, EngineError>) -> bool {
-    match solved {
-        Ok(solution) => solution.info.spectral_radius.is_some_and(|radius| radius >= 1.0),
-        Err(EngineError::Solve(SolveError::Diverged { residual, .. })) => !residual.is_nan(),
-        Err(EngineError::Solve(SolveError::NoConvergence { stagnated, spectral_radius, .. })) => {
-            *stagnated || spectral_radius.is_some_and(|radius| radius >= 1.0)
+        Self {
+            scene,
+            irradiance,
+            radiosity,
+            answer,
+            refinement: Some(refinement),
+            engine: None,
+            decisions: Vec::new(),
         }
-        Err(_) => false,
     }
 }
 
@@ -465,7 +430,7 @@ fn summarise(report: &Report, directory: &Path, verbose: u8) {
     );
     if let Some(given) = report.given_triangles {
         antirad::say!(
-            "mesh        cut from {given} triangles, at contacts or where too coarse; files per triangle have means over those (--refine=never: as given)"
+            "mesh        cut from {given} triangles, where light varies within them; files per triangle have means over those (--refine=never: as given)"
         );
     }
     if !report.lamps.is_empty() {

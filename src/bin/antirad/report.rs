@@ -4,6 +4,7 @@ use antirad::backend::{Backend, BackendKind};
 use antirad::gpu::{Bytes, MemoryReport, ProfileRow};
 use antirad::plan::PlanReport;
 use antirad::ranks::RankError;
+use antirad::resolve::Decision;
 use antirad::scene::LampFactor;
 use antirad::solve::SolveInfo;
 use antirad::target_error::Refinement;
@@ -34,7 +35,9 @@ pub struct Report {
     pub ray_error: Option<RayError>,
     /// How the settings were found, for a target error.
     pub refinement: Option<Refinement>,
-    /// Number of triangles of the given mesh, if it was cut: where others touch them, or where too coarse for shadows.
+    /// What the scene left open and was decided for it, with the reason of each; empty with a target error.
+    pub resolved: Vec<Decision>,
+    /// Number of triangles of the given mesh, if it was cut.
     pub given_triangles: Option<usize>,
     /// Factors by which lamps were changed.
     pub lamps: Vec<LampReport>,

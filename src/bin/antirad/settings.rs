@@ -5,11 +5,10 @@ use antirad::cli::{
     BackendArguments, Interrupt, LAMPS, ORIENTATIONS, PRECISIONS, SOLVERS, VISIBILITIES, Working, parse_size,
     word,
 };
-use antirad::plan::{Plan, PlanOptions};
+use antirad::resolve::{ResolveOptions, Resolved, resolve};
 use antirad::scene::{
-    BinLayout, Choice, Lamps, LoadOptions, Orient, Precision, Scene, Sky, SolverChoice, VisibilityChoice,
+    BinLayout, Lamps, LoadOptions, Orient, Precision, Scene, Sky, SolverChoice, VisibilityChoice,
 };
-use antirad::target_error::{usual_plan, usual_settings};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -75,31 +74,20 @@ pub struct MeshSettings {
 }
 
 impl MeshSettings {
-    /// The scene, with the settings of its file where the command line states none. A target error stays an open
-    /// choice, and so do bins and near field that neither states.
+    /// The scene, with the settings of its file where the command line states none.
     fn load(&self) -> Result<Scene, Failure> {
         let mut scene = self.file.load()?;
         let file = scene.settings;
         scene.settings = file.bins(self.bins.unwrap_or(file.bins)).lamps(self.lamps.unwrap_or(file.lamps));
         if self.bins.is_some() {
-            let near_field = !matches!(scene.choice, Choice::Open { near_field: false, .. });
-            scene.choice = Choice::Open { bins: false, near_field };
+            scene.target_error = None;
         }
         Ok(scene)
     }
 
-    /// For commands that do not solve to a target error: the usual settings are chosen.
-    pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
-        Ok(settled(self.load()?, interrupt))
-    }
-
-    /// The scene with the usual settings, and its plan.
-    pub fn load_planned(
-        &self,
-        options: impl FnOnce(&Scene) -> PlanOptions,
-        interrupt: &Interrupt,
-    ) -> Result<(Scene, Plan), Failure> {
-        planned(self.load()?, options, interrupt)
+    /// The scene as given, with all settings resolved, for commands that do not solve to a target error.
+    pub fn load_resolved(&self, interrupt: &Interrupt) -> Result<Resolved, Failure> {
+        resolved(self.load()?, &ResolveOptions::default().cut(false), interrupt)
     }
 }
 
@@ -120,8 +108,7 @@ pub struct SceneSettings {
     /// Arithmetic: f64 is for validation, and on a Vulkan device needs double precision
     #[arg(long, value_name = "PRECISION", value_parser = word::<Precision>(PRECISIONS))]
     precision: Option<Precision>,
-    /// How blockers keep light from what is behind them: by antiradiance (implicit); by rays, which serve where blockers are dense (explicit);
-    /// or by whichever the scene needs (auto)
+    /// How blockers keep light from what is behind them: by rays (explicit), or by antiradiance (implicit) [default: explicit]
     #[arg(long, value_name = "HOW", value_parser = word::<VisibilityChoice>(VISIBILITIES))]
     visibility: Option<VisibilityChoice>,
     /// Standard error of the irradiance that rays bring, relative to its mean over the area [default: 0.005]
@@ -147,54 +134,39 @@ impl SceneSettings {
             .visibility(self.visibility.unwrap_or(file.visibility))
             .ray_error(self.ray_error.unwrap_or(file.ray_error))
             .backend(self.backend.backend.unwrap_or(file.backend));
-        if self.tolerance.is_some() && matches!(scene.choice, Choice::Within(_)) {
-            scene.choice = Choice::default();
+        if self.tolerance.is_some() {
+            scene.target_error = None;
         }
         Ok(scene)
     }
 
-    /// The scene with the usual settings, for commands that do not solve to a target error.
-    pub fn load_settled(&self, interrupt: &Interrupt) -> Result<Scene, Failure> {
-        Ok(settled(self.load()?, interrupt))
-    }
-
-    /// The scene with the usual settings, and its plan by options for the scene.
-    pub fn load_planned(
+    /// The scene resolved, for commands that do not solve to a target error.
+    pub fn load_resolved(
         &self,
-        options: impl FnOnce(&Scene) -> PlanOptions,
+        options: &ResolveOptions,
         interrupt: &Interrupt,
-    ) -> Result<(Scene, Plan), Failure> {
-        planned(self.load()?, options, interrupt)
+    ) -> Result<Resolved, Failure> {
+        resolved(self.load()?, options, interrupt)
     }
 }
 
-fn settled(scene: Scene, interrupt: &Interrupt) -> Scene {
-    let mut scene = without_target(scene);
-    let _working = Working::on("choosing bins");
-    scene.settings = interrupt.while_computing(|| usual_settings(&scene));
-    scene
-}
-
-fn planned(
-    scene: Scene,
-    options: impl FnOnce(&Scene) -> PlanOptions,
-    interrupt: &Interrupt,
-) -> Result<(Scene, Plan), Failure> {
-    let mut scene = without_target(scene);
-    let _working = Working::on("planning");
-    let options = options(&scene);
-    let (settings, plan) = interrupt.while_computing(|| usual_plan(&scene, &options))?;
-    scene.settings = settings;
-    Ok((scene, plan))
+/// A scene resolved, without its target error.
+pub fn resolved(scene: Scene, options: &ResolveOptions, interrupt: &Interrupt) -> Result<Resolved, Failure> {
+    let scene = without_target(scene);
+    let _working = Working::on("cutting the mesh");
+    let resolved = interrupt.while_computing(|| resolve(&scene, options))?;
+    for decision in &resolved.decisions {
+        tracing::info!("{decision}");
+    }
+    Ok(resolved)
 }
 
 /// The scene without the target error that its file states.
 fn without_target(mut scene: Scene) -> Scene {
-    if let Choice::Within(error) = scene.choice {
+    if let Some(error) = scene.target_error.take() {
         tracing::warn!(
-            "only `antirad render` finds settings for a target error of {error}; this command takes the usual ones"
+            "only `antirad render` finds settings for a target error of {error}; this command takes the stated ones"
         );
-        scene.choice = Choice::default();
     }
     scene
 }

@@ -1,11 +1,10 @@
 //! The choice of lamps, the emitters whose direct light is computed separately from U, and of their
 //! visibility.
 
-use super::visibility::is_explicit_among;
-use super::{Placement, Plan, PlanError, PlanOptions};
+use super::{Placement, Plan};
 use crate::direct::{DirectLight, FEW_LAMPS, Lamp, Visibility, lamps, suns};
 use crate::model::{Bins, Facet, coplanar_tolerance};
-use antirad_scene::{Lamps, Scene, SolveSettings};
+use antirad_scene::{Lamps, Scene, SolveSettings, VisibilityChoice};
 use std::sync::Arc;
 
 /// Blockers and edges looked at up to which it is, per pair of triangles and in addition: up to three times as long as a solve on a
@@ -44,64 +43,43 @@ pub(crate) struct Chosen {
     pub(crate) emitters: usize,
 }
 
-/// Chooses the lamps of a scene whose direct light is computed separately from U, where visibility is `explicit` or not. An error where that is
-/// stated and not possible.
-pub(super) fn choose(
-    scene: &Scene,
-    facets: &[Facet],
-    settings: &SolveSettings,
-    options: &PlanOptions,
-    explicit: bool,
-) -> Result<Chosen, PlanError> {
-    let gradients = options.gradients;
+/// Chooses the lamps of a scene whose direct light is computed separately from U, by geometry and settings alone: exact visibility where that
+/// takes about as long as the solve, rays elsewhere.
+pub(super) fn choose(scene: &Scene, facets: &[Facet], settings: &SolveSettings) -> Chosen {
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
     let emitters = lamps.len();
+    let all = facets.len();
+    let summed = match settings.visibility {
+        VisibilityChoice::Explicit => all.min(BY_RAYS),
+        VisibilityChoice::Implicit => all,
+    };
     let affordable = |lamps: &[Lamp], others: usize| {
-        let pairs = facets.len() as f64 * others as f64;
+        let pairs = all as f64 * others as f64;
         lamps.len() <= FEW_LAMPS
             && DirectLight::takes_at_most(facets, lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
     };
-    let all = facets.len();
-    let summed = if explicit { all.min(BY_RAYS) } else { all };
-    let moves = gradients.positions || gradients.camera;
     let by_rays = |lamps: &[Lamp]| match lamps.len() > FEW_LAMPS {
         true => Visibility::Distributed,
         false => Visibility::Sampled,
     };
     let sampled = |lamps: &[Lamp]| {
-        let glossy = (0..facets.len()).filter(|&i| scene.material(i).is_glossy()).count();
+        let glossy = (0..all).filter(|&i| scene.material(i).is_glossy()).count();
         let bins = Bins::new(settings.bins).count();
-        let held = lamps.len().min(MOST_AT_ONCE) * (facets.len() + glossy * bins);
-        let possible = lamps.len() <= MOST_SAMPLED && held <= MOST_HELD && !moves;
-        // Numbers of rays follow emission, and fits take many pictures; but for exact shadows of dense blockers there is no time.
-        let wanted = !gradients.emission || explicit;
-        let worthwhile = match by_rays(lamps) {
-            // Without shadows, light through U has no noise.
-            Visibility::Distributed => wanted && DirectLight::is_blocked(facets, lamps),
-            _ => wanted,
-        };
+        let held = lamps.len().min(MOST_AT_ONCE) * (all + glossy * bins);
+        let possible = lamps.len() <= MOST_SAMPLED && held <= MOST_HELD;
+        // Without shadows, light through U has no noise.
+        let worthwhile = lamps.len() <= FEW_LAMPS || DirectLight::is_blocked(facets, lamps);
         (possible && worthwhile).then(|| by_rays(lamps))
     };
     let auto = |lamps: &[Lamp]| {
-        // Kernels do not know suns.
-        let traced = options.trace_lamps && lamps.iter().all(|lamp| lamp.sun().is_none());
-        if lamps.is_empty() {
+        if lamps.is_empty() || affordable(lamps, summed) {
             return Some(Visibility::Exact);
         }
-        let sampled = sampled(lamps);
-        if traced && sampled.is_some() {
-            return sampled;
-        }
-        if affordable(lamps, summed) {
-            return Some(Visibility::Exact);
-        }
-        // With derivatives rather exactly than through bins, even where rays make the solve fast.
         let slowly = || (summed < all && affordable(lamps, all)).then_some(Visibility::Exact);
-        sampled.or_else(slowly)
+        sampled(lamps).or_else(slowly)
     };
     let visibility = match settings.lamps {
         Lamps::Exact => Some(Visibility::Exact),
-        Lamps::Sampled if moves => return Err(PlanError::SampledLamps),
         Lamps::Sampled => Some(by_rays(&lamps)),
         Lamps::Antiradiance => None,
         Lamps::Auto => auto(&lamps),
@@ -115,17 +93,14 @@ pub(super) fn choose(
         },
         |visibility| (lamps.clone(), visibility),
     );
-    Ok(Chosen { lamps, visibility, emitters })
+    Chosen { lamps, visibility, emitters }
 }
 
 /// The triangles of a scene, in units of its size, and the lamps whose direct light is computed separately
 /// from U.
 pub fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
     let facets = Placement::of(scene).facets(scene);
-    let explicit = is_explicit_among(&facets, &scene.settings);
-    // Nothing is refused without derivatives.
-    let Chosen { lamps, visibility, .. } =
-        choose(scene, &facets, &scene.settings, &PlanOptions::default(), explicit).unwrap_or_default();
+    let Chosen { lamps, visibility, .. } = choose(scene, &facets, &scene.settings);
     (facets, lamps, visibility)
 }
 
@@ -196,7 +171,6 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::GradientRequest;
     use antirad_scene::{LoadOptions, Material, SceneBuilder, Shape};
     use glam::{DAffine3, DVec3};
 
@@ -233,12 +207,9 @@ mod tests {
     fn rays_are_taken_where_outlines_are_many() {
         let scene = leaves(6000);
         let facets = Placement::of(&scene).facets(&scene);
-        let chosen = |explicit: bool, gradients: GradientRequest| {
-            let options = PlanOptions::default().gradients(gradients);
-            choose(&scene, &facets, &scene.settings, &options, explicit).expect("a choice").visibility
-        };
-        assert_eq!(chosen(true, GradientRequest::default()), Visibility::Sampled);
-        assert_eq!(chosen(false, GradientRequest::default().positions(true)), Visibility::Exact);
+        let chosen = |settings: SolveSettings| choose(&scene, &facets, &settings).visibility;
+        assert_eq!(chosen(scene.settings), Visibility::Sampled);
+        assert_eq!(chosen(scene.settings.lamps(Lamps::Exact)), Visibility::Exact);
     }
 
     #[test]
@@ -246,20 +217,9 @@ mod tests {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/statue.toml");
         let scene = Scene::load(std::path::Path::new(file), &LoadOptions::default()).expect("a statue");
         let facets = Placement::of(&scene).facets(&scene);
-        let options = PlanOptions::default();
-        let chosen = choose(&scene, &facets, &scene.settings, &options, false).expect("a choice");
-        assert_eq!((chosen.visibility, chosen.lamps.len()), (Visibility::Exact, 1));
-        // Kernels trace rays, unless what is wanted or stated needs exact shadows.
-        let traced = options.trace_lamps(true);
-        let moved = traced.gradients(GradientRequest::default().positions(true));
-        let stated = scene.settings.lamps(Lamps::Exact);
-        for (settings, options, expected) in [
-            (&scene.settings, traced, Visibility::Sampled),
-            (&scene.settings, moved, Visibility::Exact),
-            (&stated, traced, Visibility::Exact),
-        ] {
-            let chosen = choose(&scene, &facets, settings, &options, false).expect("a choice");
-            assert_eq!(chosen.visibility, expected);
+        for visibility in [VisibilityChoice::Implicit, VisibilityChoice::Explicit] {
+            let chosen = choose(&scene, &facets, &scene.settings.visibility(visibility));
+            assert_eq!((chosen.visibility, chosen.lamps.len()), (Visibility::Exact, 1), "{visibility:?}");
         }
     }
 }

@@ -13,7 +13,6 @@ mod residency;
 mod shares;
 mod tiles;
 mod transport;
-mod visibility;
 mod weights;
 
 pub use crate::model::PADDING;
@@ -35,15 +34,12 @@ pub use residency::{Piece, Residency};
 pub use shares::Shares;
 pub use tiles::{Group, TileLayout};
 pub use transport::PlannedTransport;
-pub use visibility::is_explicit;
 pub use weights::RankWeights;
 
 use crate::direct::{Lamp, Openness, Visibility};
 use crate::model::{Bins, Class, Facet, classify, spatial_order};
 use antirad_base::setters;
-use antirad_scene::{
-    BackendKind, Precision, Scene, SolveSettings, SolverChoice, Sun, VisibilityChoice, bounds,
-};
+use antirad_scene::{BackendKind, Precision, Scene, SolveSettings, SolverChoice, Sun, bounds};
 use glam::DVec3;
 use lamps::Chosen;
 use std::sync::Arc;
@@ -343,24 +339,18 @@ impl Plan {
     /// Fails if the scene, the settings or the options are invalid, or if the plan fits neither the memory
     /// budget nor 32-bit indices.
     pub fn new(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
-        let plan = Self::as_stated(scene, options, settings);
-        let automatic = settings.visibility == VisibilityChoice::Auto;
-        match plan {
-            // What rays find may not fit where antiradiance and exact shadows do.
+        match Self::with(scene, options, settings) {
+            // Hierarchies that kernels trace rays through may not fit where the others do: those of a CPU do.
             Err(
                 PlanError::OverBudget { .. }
                 | PlanError::TooManyRays { .. }
                 | PlanError::BufferTooLarge { .. },
-            ) if automatic || options.trace_lamps => {
-                let implicit = settings.visibility(VisibilityChoice::Implicit);
-                let settings = if automatic { &implicit } else { settings };
-                Self::as_stated(scene, &options.trace_lamps(false), settings)
-            }
+            ) if options.trace_lamps => Self::with(scene, &options.trace_lamps(false), settings),
             plan => plan,
         }
     }
 
-    fn as_stated(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
+    fn with(scene: &Scene, options: &PlanOptions, settings: &SolveSettings) -> Result<Self, PlanError> {
         scene.validate()?;
         settings.check()?;
         if !TILES.contains(&options.tile) {
@@ -380,15 +370,15 @@ impl Plan {
         let placement = Placement::of(scene);
         let facets = placement.facets(scene);
         let mut classes = classify(scene);
-        let transport = match visibility::why_explicit(&facets, settings, options)? {
-            Some(why) => PlannedTransport::by_rays(settings, facets.len(), why),
-            None => PlannedTransport::default(),
-        };
+        let transport = PlannedTransport::of(settings, options, facets.len())?;
         let explicit = transport.is_explicit();
         let Chosen { lamps, visibility, emitters } = match options.occlusion {
             Occlusion::Nothing => Chosen::default(),
-            _ => lamps::choose(scene, &facets, settings, options, explicit)?,
+            _ => lamps::choose(scene, &facets, settings),
         };
+        if visibility != Visibility::Exact && (options.gradients.positions || options.gradients.camera) {
+            return Err(PlanError::SampledLamps);
+        }
         match options.occlusion {
             Occlusion::Exact => {}
             Occlusion::Nothing => classes.iter_mut().for_each(|class| class.blocker = false),

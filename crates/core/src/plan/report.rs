@@ -1,6 +1,5 @@
 //! The plan in words and numbers.
 
-use super::transport::rays_for;
 use super::{LampsReport, MemoryItem, PADDING, PairLists, Plan, PlannedSolver, Reflectance, Residency};
 use antirad_scene::BackendKind;
 use std::fmt;
@@ -30,9 +29,6 @@ const CPU: Rates = Rates {
     direct_lobes: 3e8,
     moved: f64::INFINITY,
 };
-
-/// Rays between triangles a second, on two idle cores with either backend.
-const RAYS: f64 = 2.5e6;
 
 /// Vulkan kernels on lavapipe, on two idle cores.
 const LAVAPIPE: Rates = Rates {
@@ -274,12 +270,6 @@ impl Plan {
             estimated_seconds: pass * passes[0],
             estimated_seconds_at_most: pass * passes[1],
         }
-    }
-
-    /// Seconds that rays would take in place of antiradiance.
-    #[doc(hidden)]
-    pub fn seconds_of_rays(&self) -> f64 {
-        self.facets.len() as f64 * rays_for(&self.settings) / RAYS
     }
 
     /// Least and most passes: from Chebyshev's bound of Krylov methods for GMRES, from the decay of bounces

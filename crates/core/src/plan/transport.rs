@@ -1,6 +1,7 @@
 //! Transport: the sum over all pairs, or rays.
 
-use antirad_scene::SolveSettings;
+use super::{Occlusion, PlanError, PlanOptions};
+use antirad_scene::{SolveSettings, VisibilityChoice};
 use std::fmt;
 
 /// How light passes between triangles.
@@ -15,8 +16,6 @@ pub enum PlannedTransport {
         error: f64,
         /// Rays of a triangle at most, on average over all.
         rays: u32,
-        /// Why visibility is explicit.
-        why: &'static str,
     },
 }
 
@@ -27,10 +26,25 @@ impl PlannedTransport {
     }
 
     /// Rays: as many as the error asks for.
-    pub(super) fn by_rays(settings: &SolveSettings, triangles: usize, why: &'static str) -> Self {
-        let rays = (ALL_RAYS / triangles.max(1) as f64).max(USUAL_RAYS) * times_as_many(settings);
-        let rays = rays.clamp(f64::from(FEWEST_RAYS), f64::from(MOST_RAYS)) as u32;
-        Self::Rays { error: settings.ray_error, rays, why }
+    /// What settings state. Where nothing is to block, or everything, there is nothing for rays to find out.
+    ///
+    /// # Errors
+    /// Fails for derivatives by positions of explicit visibility, which has none.
+    pub(super) fn of(
+        settings: &SolveSettings,
+        options: &PlanOptions,
+        triangles: usize,
+    ) -> Result<Self, PlanError> {
+        match settings.visibility {
+            _ if options.occlusion != Occlusion::Exact => Ok(Self::AllPairs),
+            VisibilityChoice::Implicit => Ok(Self::AllPairs),
+            VisibilityChoice::Explicit if options.gradients.positions => Err(PlanError::ExplicitVisibility),
+            VisibilityChoice::Explicit => {
+                let rays = (ALL_RAYS / triangles.max(1) as f64).max(USUAL_RAYS) * times_as_many(settings);
+                let rays = rays.clamp(f64::from(FEWEST_RAYS), f64::from(MOST_RAYS)) as u32;
+                Ok(Self::Rays { error: settings.ray_error, rays })
+            }
+        }
     }
 
     /// Rays of a triangle at most, on average over all, where visibility is explicit.
@@ -55,17 +69,12 @@ fn times_as_many(settings: &SolveSettings) -> f64 {
     (USUAL_ERROR / settings.ray_error).powi(2)
 }
 
-/// About how many rays of a triangle the settings ask for.
-pub(super) fn rays_for(settings: &SolveSettings) -> f64 {
-    (USUAL_RAYS * times_as_many(settings)).clamp(f64::from(FEWEST_RAYS), f64::from(MOST_RAYS))
-}
-
 impl fmt::Display for PlannedTransport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::AllPairs => f.write_str("all pairs"),
-            Self::Rays { error, rays, why } => {
-                write!(f, "explicit visibility, error {error}, at most {rays} rays a triangle: {why}")
+            Self::Rays { error, rays } => {
+                write!(f, "explicit visibility, error {error}, at most {rays} rays a triangle")
             }
         }
     }

@@ -86,11 +86,6 @@ impl<'a> PathTracer<'a> {
         }
     }
 
-    /// The hierarchy that it traces.
-    pub(crate) fn rays(&self) -> &Rays {
-        &self.rays
-    }
-
     /// The mean irradiance of each triangle, W/m², from at least `samples` paths that start at stratified points on it.
     pub fn irradiance(&self, samples: u32) -> Vec<MonteCarloEstimate> {
         parallel::map(0..self.areas.len(), |j| self.irradiance_of(j, samples))

@@ -29,8 +29,7 @@ pub struct IrradianceEstimate {
     /// Root of the sum of squares of `compared`, `mesh`, `residual` and `sampling`, whose causes are independent; at
     /// least `balance`.
     pub total: f64,
-    /// Difference from a solve with other bins and a smaller near field, times the ratio of error to such a difference in
-    /// scenes of known solution.
+    /// Difference from a solve with fewer bins and half the rays.
     pub compared: f64,
     /// A quarter of the deviation of triangles from the mean of their coplanar neighbours: an estimate of the difference
     /// between the mean over a triangle and the value at its centroid.
@@ -51,8 +50,7 @@ pub struct PictureEstimate {
     pub camera: String,
     /// Root of the sum of squares of the parts.
     pub total: f64,
-    /// Difference from the comparison solve, times the ratio of error to such a difference, as in
-    /// [`IrradianceEstimate::compared`].
+    /// Difference from the comparison solve, as in [`IrradianceEstimate::compared`].
     pub compared: f64,
     /// Variation of light within triangles that the picture does not show. With one colour per triangle, from the differences
     /// between coplanar neighbours of one material: shadow edges, for example. In gathered pictures, of indirect light: from how
@@ -66,14 +64,12 @@ pub struct PictureEstimate {
 }
 
 impl ErrorEstimate {
-    /// `own` is the answer, `other` that of the comparison solve. `ratio` of error to difference: see
-    /// [`IrradianceEstimate::compared`]. Returns with it what a finer mesh would mend: [`IrradianceEstimate::mesh`], and of each picture
+    /// `own` is the answer, `other` that of the comparison solve. Returns with it what a finer mesh would mend: [`IrradianceEstimate::mesh`], and of each picture
     /// [`PictureEstimate::within`].
     pub(super) fn new(
         scene: &Scene,
         own: &Answer,
         other: &Answer,
-        ratio: f64,
         visible: &[Visible],
         shading: Shading,
     ) -> Result<(Self, Vec<MeshError>), ImageError> {
@@ -82,7 +78,7 @@ impl ErrorEstimate {
         let left = 1.0 - own.info.spectral_radius.unwrap_or(0.0).clamp(0.0, 0.999);
         let residual = own.info.residuals.last().copied().unwrap_or(0.0) / left;
         let known = [residual, own.sampling_error];
-        let (irradiance, mesh) = IrradianceEstimate::new(scene, &surface, own, other, ratio, known);
+        let (irradiance, mesh) = IrradianceEstimate::new(scene, &surface, own, other, known);
         let mut of_mesh = vec![mesh];
         let colours = own.colours.iter().zip(&other.colours);
         let pictures: Vec<PictureEstimate> = visible
@@ -94,7 +90,7 @@ impl ErrorEstimate {
                     true => Differences::of_gathered([&own.light, &other.light], view, visible)?,
                     false => Differences::of_faces(scene, &surface, visible, colours),
                 };
-                let picture = PictureEstimate::new(visible, &differences, ratio, known);
+                let picture = PictureEstimate::new(visible, &differences, known);
                 of_mesh.push(differences.within);
                 Ok(picture)
             })
@@ -110,13 +106,12 @@ impl IrradianceEstimate {
         surface: &Surface,
         own: &Answer,
         other: &Answer,
-        ratio: f64,
         [residual, sampling]: [f64; 2],
     ) -> (Self, MeshError) {
         let values = vectors(&own.irradiance);
         let norm = |of: &dyn Fn(usize) -> DVec3| norm(&surface.weights, of);
         let all = norm(&|i| values[i]);
-        let compared = ratio * relative_to(all)(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
+        let compared = relative_to(all)(norm(&|i| values[i] - DVec3::from(other.irradiance[i])));
         let of_mesh = MeshError::new(&surface.weights, &|i| surface.off_neighbours(&values, i), all);
         let mesh = of_mesh.total();
         let parts = root_of_squares([compared, mesh, residual, sampling]);
@@ -183,10 +178,9 @@ impl PictureEstimate {
     fn new(
         visible: &Visible,
         Differences { compared, within, rays }: &Differences,
-        ratio: f64,
         [residual, sampling]: [f64; 2],
     ) -> Self {
-        let (compared, within) = (ratio * compared, within.total());
+        let (compared, within) = (*compared, within.total());
         let sampling = root_of_squares([sampling, *rays]);
         let total = root_of_squares([compared, within, residual, sampling]);
         Self { camera: visible.camera.clone(), total, compared, within, residual, sampling }

@@ -18,18 +18,9 @@ pub(super) struct Mesh {
     pub scene: Scene,
     /// Per triangle of `scene`, the index of the given triangle that it is a part of.
     pub parents: Vec<u32>,
-    /// How many times all triangles were cut into four.
-    pub uniform: u32,
 }
 
 impl Mesh {
-    /// Cuts all triangles into four until they were cut so many times.
-    pub fn cut_all(&mut self, times: u32) {
-        let cut = self.scene.split_all(times.saturating_sub(self.uniform));
-        self.uniform = self.uniform.max(times);
-        self.compose(&cut);
-    }
-
     /// Cuts each triangle into four so many times, and with it the other side of its sheet.
     pub fn cut(&mut self, times: &[u32]) {
         let mut parts: Vec<u32> = (0..self.parents.len() as u32).collect();

@@ -1,4 +1,4 @@
-//! From a target error to settings that meet it. Each step is solved twice, the second time with other bins and a smaller near field. Where the
+//! From a target error to settings that meet it. Each step is solved twice, the second time with fewer bins and half the rays. Where the
 //! two differ too much, the next step has finer settings, the next level; where light varies too much within triangles, these are cut. The
 //! search stops at the first step that meets the target. docs/accuracy.md explains the choice of levels.
 //!
@@ -15,7 +15,6 @@ mod surface;
 
 pub use answer::Answer;
 pub use estimate::{ErrorEstimate, IrradianceEstimate, PictureEstimate};
-pub use levels::{LayoutKind, layout, usual_plan, usual_settings};
 
 use crate::image::ImageError;
 use crate::shading::{Reflections, Shading};
@@ -23,7 +22,7 @@ use antirad_base::setters;
 use antirad_core::backend::Backend;
 use antirad_core::plan::PlanError;
 use antirad_core::{Engine, EngineError, Solution};
-use antirad_scene::{Camera, Choice, Scene};
+use antirad_scene::{Camera, Scene, VisibilityChoice, check_target_error};
 use mesh::Mesh;
 use search::{Search, Tried};
 use serde::Serialize;
@@ -79,6 +78,11 @@ pub enum SearchError {
     /// The visible triangles of a camera could not be determined.
     #[error(transparent)]
     Image(#[from] ImageError),
+    /// Visibility is implicit, of which no level has an error that is known.
+    #[error(
+        "a target error takes explicit visibility, and the scene states visibility = \"implicit\": leave out one of the two"
+    )]
+    Implicit,
     /// The step would exceed [`TargetErrorOptions::max_triangles`].
     #[error("it takes {triangles} triangles, and {allowed} are allowed (--max-triangles)")]
     Triangles {
@@ -112,12 +116,7 @@ impl SearchError {
 pub struct Step {
     /// Layout of the bins as text, such as `10x13` or `concentric:12`.
     pub bins: String,
-    /// Layout of the bins.
-    #[doc(hidden)]
-    pub layout: LayoutKind,
-    /// The range of the near field.
-    pub near_field: f64,
-    /// Rays of a triangle; `None` where visibility is by antiradiance.
+    /// Rays of a triangle; `None` where no solve has an answer.
     pub rays: Option<u32>,
     /// The relative residual at which the solver stopped.
     pub tolerance: f64,
@@ -209,14 +208,14 @@ pub struct Stage {
 pub type Solve<'a> = dyn FnMut(&mut Engine, &Scene, &Stage) -> Result<Solution, EngineError> + 'a;
 
 /// Solves `scene` to the target error, or as close to it as memory and `max_triangles` allow: see
-/// [`Refinement::met`]. The scene's own bins, near field and tolerance are ignored; its other settings are
+/// [`Refinement::met`]. The scene's own bins, ray error and tolerance are ignored; its other settings are
 /// used.
 ///
 /// `reserve` returns the bytes of device memory to set aside for pictures of a scene. `solve` runs the solver to
 /// `scene.settings.tolerance`; progress and interruption are up to it.
 ///
 /// # Errors
-/// Fails if the scene or the target error is invalid, if a solve is interrupted, or if no level has an
+/// Fails if the scene or the target error is invalid, if the scene states implicit visibility, if a solve is interrupted, or if no level has an
 /// answer.
 pub fn solve_within(
     backend: &Backend,
@@ -226,7 +225,10 @@ pub fn solve_within(
     solve: &mut Solve,
 ) -> Result<Solved, SearchError> {
     scene.validate().map_err(EngineError::from)?;
-    Choice::Within(options.error).check().map_err(EngineError::from)?;
+    check_target_error(Some(options.error)).map_err(EngineError::from)?;
+    if scene.settings.visibility == VisibilityChoice::Implicit {
+        return Err(SearchError::Implicit);
+    }
     let search = Search::new(backend, scene, options, reserve);
     let mut why = search.reasons();
     let mut tried = search.first(solve)?;
@@ -262,11 +264,10 @@ pub fn solve_within(
 
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { bins, near_field, triangles, .. } = self;
-        match self.rays {
-            Some(rays) => write!(f, "{rays} rays a triangle, {triangles} triangles: ")?,
-            None => write!(f, "{bins} bins, near field {near_field}, {triangles} triangles: ")?,
+        if let Some(rays) = self.rays {
+            write!(f, "{rays} rays a triangle, ")?;
         }
+        write!(f, "{} triangles: ", self.triangles)?;
         match (&self.estimate, &self.failure) {
             (Some(estimate), _) => write!(f, "estimated error {estimate}"),
             (None, Some(failure)) => f.write_str(failure),

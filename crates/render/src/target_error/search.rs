@@ -1,17 +1,17 @@
 //! The steps of the search: which settings and which mesh come next.
 
 use super::estimate::ErrorEstimate;
-use super::levels::{Level, is_directional, layout, near_field_for};
+use super::levels::{LEVELS, Level};
 use super::mesh::{Mesh, MeshError, added, cuts};
 use super::pictures::Visible;
-use super::{Answer, LayoutKind, SearchError, Solve, Stage, Step, TargetErrorOptions};
-use crate::warnings::{CUT, Warnings, mean_albedo, told_from};
+use super::{Answer, SearchError, Solve, Stage, Step, TargetErrorOptions};
+use crate::warnings::{CUT, Warnings, told_from};
 use antirad_core::backend::Backend;
-use antirad_core::plan::{Plan, PlanOptions, has_direct_lamps};
+use antirad_core::plan::{Plan, PlanOptions};
 use antirad_core::{Engine, EngineError, RayError};
 use antirad_scene::{Scene, SolveSettings};
 
-/// Share of the target error that each cause may have before something is done about it: bins and near field, the mesh. The squares of both
+/// Share of the target error that each cause may have before something is done about it: rays and bins, the mesh. The squares of both
 /// are then seven tenths of that of the target.
 const PART: f64 = 0.6;
 
@@ -27,17 +27,10 @@ pub(super) struct Search<'a> {
     backend: &'a Backend,
     options: &'a TargetErrorOptions,
     reserve: &'a dyn Fn(&Scene) -> u64,
-    levels: &'static [Level],
-    /// The given scene with its wide triangles cut, by which bins are chosen: seen from a part at its foot, each blocker is large.
-    uncut: Scene,
-    /// The same with all triangles cut where others touch them.
+    /// The given scene with its wide triangles cut, and all where others touch them.
     start: Mesh,
     /// Areas of the given triangles, m².
     pub areas: Vec<f64>,
-    /// Area-weighted mean.
-    albedo: f64,
-    /// The smallest admissible range of the near field.
-    near: f64,
 }
 
 /// What a step is made with.
@@ -50,7 +43,6 @@ pub(super) struct Next {
 /// A step that can be planned.
 struct Planned {
     mesh: Mesh,
-    layout: LayoutKind,
     plan: Plan,
     comparison: SolveSettings,
     comparison_plan: Plan,
@@ -117,37 +109,26 @@ impl<'a> Search<'a> {
     ) -> Self {
         let mut scene = given.clone();
         let parents = scene.split_wide(WIDEST, options.max_triangles);
-        let uncut = scene.clone();
         let touched = scene.cut_along_contacts(options.max_triangles);
         let parents = touched.into_iter().map(|part| parents[part as usize]).collect();
-        let albedo = mean_albedo(given);
         Self {
             backend,
             options,
             reserve,
-            levels: Level::all(given.settings.visibility, is_directional(&uncut), has_direct_lamps(&uncut)),
-            uncut,
-            start: Mesh { scene, parents, uniform: 0 },
+            start: Mesh { scene, parents },
             areas: (0..given.triangles.len()).map(|i| given.area_vector(i).length()).collect(),
-            albedo,
-            near: near_field_for(albedo, options.error),
         }
     }
 
+    /// Why the mesh is cut before the first step.
     pub fn reasons(&self) -> Vec<String> {
-        let near = format!(
-            "surfaces reflect {:.0} % on average: a near field of at least {} keeps the loss over all bounces within half \
-             the error",
-            100.0 * self.albedo,
-            self.near
-        );
-        let (given, cut) = (self.areas.len(), self.uncut.triangles.len());
-        let wide = (cut > given).then(|| {
+        let (given, cut) = (self.areas.len(), self.start.parents.len());
+        let why = || {
             format!(
-                "wide triangles hide the shadows within them: the {given} triangles were first cut into {cut}"
+                "wide triangles, and those that others touch, hide the shadows within them: the {given} triangles were first cut into {cut}"
             )
-        });
-        std::iter::once(near).chain(wide).collect()
+        };
+        (cut > given).then(why).into_iter().collect()
     }
 
     /// The step at the level that usually suffices, or at the highest below it that can be run.
@@ -155,7 +136,7 @@ impl<'a> Search<'a> {
     /// # Errors
     /// Fails if none can be run, or if the solve is interrupted.
     pub fn first(&self, solve: &mut Solve) -> Result<Tried, SearchError> {
-        let (mut level, mut barrier) = (Level::start(self.levels, self.options.error), None);
+        let (mut level, mut barrier) = (Level::start(self.options.error), None);
         loop {
             match self.run(0, Next { level, mesh: self.start.clone() }, solve) {
                 Ok(ran) => return Ok(Tried::new(ran, barrier)),
@@ -190,7 +171,7 @@ impl<'a> Search<'a> {
         let coarse_settings = tried.steps.last().is_none_or(|step| self.are_coarse(step, allowed));
         let wanted = level + usize::from(coarse_settings || !coarse_mesh);
         let skipped = |error: &SearchError| format!("the next step was skipped: {error}");
-        let last = tried.barrier.as_ref().map_or(self.levels.len() - 1, |_| tried.first);
+        let last = tried.barrier.as_ref().map_or(LEVELS.len() - 1, |_| tried.first);
         let next = wanted.min(last);
         if next == *level && !finer_mesh {
             let (triangles, allowed) = (mesh.parents.len() + more, self.options.max_triangles);
@@ -201,13 +182,11 @@ impl<'a> Search<'a> {
             });
         }
         let mut mesh = mesh.clone();
-        if self.levels[next].cuts <= mesh.uniform {
-            mesh.cut(&times);
-        }
+        mesh.cut(&times);
         Ok(Next { level: next, mesh })
     }
 
-    /// Whether bins, near field or tolerance of a step cause more than they may.
+    /// Whether rays, bins or tolerance of a step cause more than they may.
     fn are_coarse(&self, step: &Step, allowed: f64) -> bool {
         let Some(ErrorEstimate { irradiance, pictures, .. }) = &step.estimate else { return true };
         let compared = pictures.iter().map(|picture| picture.compared).fold(irradiance.compared, f64::max);
@@ -229,38 +208,19 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// The layout of bins that suits a mesh: by the given triangles, as finely cut as those of the mesh are on average.
-    fn layout(&self, mesh: &Mesh, settings: &SolveSettings) -> LayoutKind {
-        let mut uncut = self.uncut.clone();
-        let finer = mesh.parents.len() as f64 / uncut.triangles.len() as f64;
-        uncut.split_all(finer.log(4.0).round().max(0.0) as u32);
-        layout(&uncut, settings)
-    }
-
     /// Plans both solves of a step before either is run.
     fn plan(&self, next: Next) -> Result<Planned, SearchError> {
-        let (mut mesh, level) = (next.mesh, self.levels[next.level]);
+        let (mut mesh, level) = (next.mesh, LEVELS[next.level]);
         let level = level.with_finer(mesh.parents.len() as f64 / self.start.parents.len() as f64);
-        let further = 4_usize.saturating_pow(level.cuts.saturating_sub(mesh.uniform));
-        let (triangles, allowed) = (mesh.parents.len().saturating_mul(further), self.options.max_triangles);
-        if further > 1 && triangles > allowed {
-            return Err(SearchError::Triangles { triangles, allowed });
-        }
-        mesh.cut_all(level.cuts);
         let given = mesh.scene.settings;
-        let settings = |layout| level.settings(layout, self.near, &given);
-        let layout = match level.is_explicit() {
-            true => LayoutKind::Concentric,
-            false => self.layout(&mesh, &settings(LayoutKind::EqualAngle)),
-        };
         let scene = &mut mesh.scene;
         let options = PlanOptions::of(self.backend).pictures((self.reserve)(scene));
-        let own = settings(layout);
+        let own = level.settings(&given);
         let plan = Plan::new(scene, &options, &own)?;
         scene.settings = own;
-        let comparison = level.comparison(layout, self.near, &given);
+        let comparison = level.comparison(&given);
         let comparison_plan = Plan::new(scene, &options, &comparison)?;
-        Ok(Planned { mesh, layout, plan, comparison, comparison_plan })
+        Ok(Planned { mesh, plan, comparison, comparison_plan })
     }
 
     /// Solves the comparison, then the scene itself. A solver that does not converge is a result, not a failure of the step. `number`: of the
@@ -270,7 +230,7 @@ impl<'a> Search<'a> {
     /// Fails if the step cannot be planned, if a solve is interrupted, or if the backend fails.
     pub fn run(&self, number: usize, next: Next, solve: &mut Solve) -> Result<Ran, SearchError> {
         let level = next.level;
-        let Planned { mut mesh, layout, plan, comparison, comparison_plan } = self.plan(next)?;
+        let Planned { mut mesh, plan, comparison, comparison_plan } = self.plan(next)?;
         let [comparing, solving] = stages(number);
         let scene = &mut mesh.scene;
         let own = std::mem::replace(&mut scene.settings, comparison);
@@ -281,8 +241,7 @@ impl<'a> Search<'a> {
         let estimated = match (&answer, &other) {
             (Ok(answer), Ok(other)) => {
                 let visible = Visible::of(self.backend, scene, &self.options.cameras)?;
-                let ratio = self.levels[level].ratio(layout);
-                Some(ErrorEstimate::new(scene, answer, other, ratio, &visible, self.options.shading)?)
+                Some(ErrorEstimate::new(scene, answer, other, &visible, self.options.shading)?)
             }
             _ => None,
         };
@@ -292,8 +251,6 @@ impl<'a> Search<'a> {
         let beyond: Vec<_> = answer.iter().flat_map(|answer| answer.warnings.above(least)).collect();
         let step = Step {
             bins: own.bins.to_string(),
-            layout,
-            near_field: own.near_field,
             rays: answer.as_ref().ok().and_then(|answer| answer.ray_error.as_ref()).map(RayError::of_each),
             tolerance: own.tolerance,
             triangles: scene.triangles.len(),

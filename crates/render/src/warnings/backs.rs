@@ -4,7 +4,6 @@
 //! visibility, so it is path-traced, with few paths: surfaces that close each other off, such as a room and what stands in it, keep
 //! their backs dark even where edges are open.
 
-use super::mean_albedo;
 use crate::path_tracer::PathTracer;
 use antirad_base::parallel;
 use antirad_core::model::PADDING;
@@ -20,8 +19,6 @@ const PATHS: u32 = 32;
 const PATHS_TO_FRONTS: usize = 4000;
 /// Irradiance of a back, relative to the mean of all fronts, from which it counts as lit.
 const LIT: f64 = 0.05;
-/// Light that may pass through backs where visibility is automatic, relative to all.
-const PASSED: f64 = 0.01;
 /// How far a scene may reach behind an outermost triangle, relative to its size.
 const FLAT: f64 = 1e-6;
 
@@ -34,14 +31,6 @@ pub struct Lit {
 }
 
 impl Lit {
-    /// How much more light there is, relative to all, if it passes through these backs, and is reflected on at each bounce: `None` where antiradiance
-    /// may let it.
-    pub fn too_much(&self, scene: &Scene, plan: &Plan) -> Option<f64> {
-        let albedo = mean_albedo(scene);
-        let passed = self.part(plan, |_| true) * albedo / (1.0 - albedo).max(1e-6);
-        (passed > PASSED).then_some(passed)
-    }
-
     /// Light on these backs, relative to that on all fronts. That the housing of a lamp is black is what most expect.
     pub fn share(&self, scene: &Scene, plan: &Plan) -> f64 {
         self.part(plan, |i| !scene.material(i as usize).emits())

@@ -5,7 +5,6 @@ mod backs;
 mod distance;
 mod edges;
 mod effect;
-mod free_path;
 mod gain;
 mod gaps;
 mod layers;
@@ -13,14 +12,12 @@ mod refine;
 mod shadows;
 
 pub use effect::{Effect, MATTERS, told_from};
-pub use free_path::cut_for_rays;
 pub(crate) use refine::CUT;
 pub use refine::{RefineError, RefineOptions, Refined, refine};
-pub use shadows::too_coarse;
 
 use crate::path_tracer::PathTracer;
 use antirad_core::plan::Plan;
-use antirad_scene::{Material, Scene};
+use antirad_scene::Scene;
 use edges::Edges;
 pub use gain::Surfaces;
 use gain::{Gain, Gains};
@@ -142,18 +139,6 @@ fn area(scene: &Scene, plan: &Plan) -> f64 {
 /// A triangle, its value and the other triangle concerned.
 type Found = (u32, f64, Option<u32>);
 
-/// Area-weighted mean of the total albedo of the brightest channel.
-pub(crate) fn mean_albedo(scene: &Scene) -> f64 {
-    let of: Vec<f64> = scene.materials.iter().map(Material::total_albedo).collect();
-    let (mut reflecting, mut all) = (0.0, 0.0);
-    for (i, triangle) in scene.triangles.iter().enumerate() {
-        let area = scene.area_vector(i).length();
-        reflecting += area * of[triangle.material as usize];
-        all += area;
-    }
-    if all > 0.0 { reflecting / all } else { 0.0 }
-}
-
 impl Warnings {
     /// Warnings before a solve. Takes about as long as planning, since only pairs of nearby triangles are examined.
     pub fn of(scene: &Scene, plan: &Plan) -> Self {
@@ -167,13 +152,6 @@ impl Warnings {
         warnings.bad_edges(scene, plan);
         warnings.lit_backs(scene, plan);
         warnings
-    }
-
-    /// How much more light there would be, relative to all of it, by what falls on the backs of one-sided triangles, found by paths: antiradiance lets
-    /// that pass, where it should be absorbed. `None` up to one percent, where visibility may stay implicit.
-    #[doc(hidden)]
-    pub fn light_through_backs(scene: &Scene, plan: &Plan) -> Option<f64> {
-        backs::lit(scene, plan).too_much(scene, plan)
     }
 
     /// The warnings of [`Warnings::of`], and [`Kind::CoarseShadows`]. Takes about as long as the direct light
@@ -197,15 +175,6 @@ impl Warnings {
             ..Warning::blank()
         });
         warnings
-    }
-
-    /// Share of the scene's area, 0 to 1, in blockers whose a/(d² s_b) is above 1, so that their errors grow from layer to layer
-    /// ([`Kind::CoarseBlockers`] are those above one half).
-    pub(crate) fn coarse_share(surfaces: Surfaces) -> f64 {
-        let area = |triangle: usize| surfaces.facets[triangle].area;
-        let blockers = Gains::above(1.0, surfaces).of_blocker;
-        let coarse: f64 = blockers.iter().flatten().map(|gain| area(gain.blocker as usize)).sum();
-        coarse / (0..surfaces.facets.len()).map(area).sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
     /// Warnings after a solve, from the irradiance of each triangle, W/m², and the estimate of the spectral radius, if the solver

@@ -1,9 +1,9 @@
 //! Refinement of the mesh where warnings ask for it.
 
-use super::shadows::{self, too_coarse};
 use super::{Kind, Warnings};
 use antirad_base::setters;
 use antirad_core::plan::{Plan, PlanError, PlanOptions};
+use antirad_core::resolve::cut_coarse;
 use antirad_scene::Scene;
 use std::collections::{BTreeMap, HashSet};
 
@@ -62,15 +62,11 @@ pub enum RefineError {
 /// What smaller triangles mend.
 pub(crate) const CUT: [Kind; 3] = [Kind::CoarseBlockers, Kind::CoarseShadows, Kind::NarrowGaps];
 
-/// Longest edge that stays where a mesh is far too coarse for the light of lamps, as a share of the scene's diagonal: there, light that
-/// surfaces reflect onto each other varies within triangles as well.
-const WIDEST: f64 = 0.15;
-
 /// Cuts coarse blockers, those of stacked layers included, triangles with shadows within them, and the larger triangles of narrow
 /// gaps, the worst first, until none are left, `max_triangles` is reached, or `levels` rounds are done; see [`Scene::split`]. Materials, cameras and settings stay.
 ///
-/// A mesh that is [far too coarse](too_coarse) for the light of lamps is cut before that, as far as `max_triangles` allows, until no
-/// triangle would receive more than 4 % of all light of lamps or has an edge longer than 15 % of the scene's diagonal.
+/// Before that it is cut, as far as `max_triangles` allows, until no triangle would receive more than 4 % of all light of lamps or has an edge
+/// longer than 15 % of the scene's diagonal.
 ///
 /// # Errors
 /// Fails if the scene cannot be planned, or if triangles should be cut and the scene already has
@@ -98,8 +94,8 @@ pub fn refine(
         return Err(RefineError::Full { triangles: count, allowed });
     }
     let old = scene.clone();
-    if too_coarse(scene) {
-        refined.parents = cut_coarse(scene, allowed);
+    refined.parents = cut_coarse(scene, allowed);
+    if scene.triangles.len() > count {
         refined.after = Warnings::with_shadows(scene, &plan(scene)?);
     }
     while refined.rounds < options.levels {
@@ -125,20 +121,6 @@ pub fn refine(
         }
     }
     Ok(refined)
-}
-
-/// Cuts a mesh that is far too coarse for the light of lamps: the triangle of each new one.
-pub(super) fn cut_coarse(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
-    let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
-    loop {
-        let mut flooded = with_other_sides(scene, shadows::flooded(scene));
-        flooded.sort_unstable();
-        if flooded.is_empty() || scene.triangles.len() + 3 * flooded.len() > max_triangles {
-            break;
-        }
-        parents = scene.split(&flooded).into_iter().map(|parent| parents[parent as usize]).collect();
-    }
-    scene.split_wide(WIDEST, max_triangles).into_iter().map(|part| parents[part as usize]).collect()
 }
 
 /// The triangles to cut, the worst first, each once.

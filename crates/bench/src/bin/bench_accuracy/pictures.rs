@@ -7,8 +7,7 @@ use antirad::backend::Backend;
 use antirad::cli::{Interrupt, Panel, Sheet, percentile, signed_heat, white_point};
 use antirad::image::{ImageError, Rasterizer};
 use antirad::plan::{Plan, PlanOptions};
-use antirad::scene::{Camera, Lamps, LoadOptions, Scene};
-use antirad::target_error::usual_settings;
+use antirad::scene::{Camera, Lamps, LoadOptions, Scene, VisibilityChoice};
 use antirad::warnings::{RefineOptions, refine};
 use antirad::{Engine, SolveParams};
 use antirad_render::image::Coverage;
@@ -102,8 +101,8 @@ fn variations(
     interrupt: &Interrupt,
 ) -> Result<Vec<(String, Scene)>, Box<dyn Error>> {
     let with_lamps = |lamps: Lamps| {
-        let scene = Scene { settings: given.settings.lamps(lamps), ..given.clone() };
-        Scene { settings: usual_settings(&scene), ..scene }
+        let settings = given.settings.lamps(lamps).visibility(VisibilityChoice::Implicit);
+        Scene { settings, ..given.clone() }
     };
     let scene = with_lamps(Lamps::Antiradiance);
     let mut more = Vec::new();

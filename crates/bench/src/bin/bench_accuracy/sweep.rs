@@ -1,7 +1,7 @@
 //! Which settings are measured.
 
 use crate::cases::Case;
-use antirad::scene::{BinLayout, Lamps, Precision, SolveSettings, SolverChoice};
+use antirad::scene::{BinLayout, Lamps, Precision, SolveSettings, SolverChoice, VisibilityChoice};
 use antirad::target_error::TargetErrorOptions;
 use std::fmt;
 
@@ -57,7 +57,7 @@ pub const BY_ANTIRADIANCE: &str = "lamps by antiradiance";
 /// The defaults and variations of one setting each; triangles, bins and lamps together. `quick` leaves out finer meshes of
 /// scenes that are large already, and settings known to matter little.
 pub fn settings(case: &Case, quick: bool) -> Vec<Setting> {
-    let usual = SolveSettings::default().tolerance(TIGHT);
+    let usual = SolveSettings::default().tolerance(TIGHT).visibility(VisibilityChoice::Implicit);
     let mut settings: Vec<Setting> = Vec::new();
     let mut add = |varies: &'static str, level: u32, solve: SolveSettings| {
         let setting = Setting { solve, level, varies };

@@ -5,7 +5,7 @@ use crate::{Arguments, backend};
 use antirad::cli::Interrupt;
 use antirad::gpu::Bytes;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::scene::{LoadOptions, Scene};
+use antirad::scene::{LoadOptions, Scene, VisibilityChoice};
 use antirad::{Engine, SolveParams};
 use std::error::Error;
 use std::path::Path;
@@ -17,7 +17,7 @@ const REPEATS: u32 = 3;
 pub fn run(arguments: &Arguments, path: &Path, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     let backend = backend(arguments)?;
     let mut scene = Scene::load(path, &LoadOptions::default())?;
-    scene.settings.bins = arguments.bins;
+    scene.settings = scene.settings.bins(arguments.bins).visibility(VisibilityChoice::Implicit);
     let request = GradientRequest::NOTHING
         .emission(true)
         .diffuse(true)

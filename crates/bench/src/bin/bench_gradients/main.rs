@@ -11,7 +11,7 @@ mod traced;
 use antirad::backend::Backend;
 use antirad::cli::{self, BackendArguments, Interrupt};
 use antirad::output::prepare_directory;
-use antirad::scene::{BinLayout, LoadOptions, Scene};
+use antirad::scene::{BinLayout, LoadOptions, Scene, VisibilityChoice};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use kind::Kind;
@@ -128,7 +128,7 @@ fn all(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error
         Some(path) => Scene::load(path, &LoadOptions::default())?,
         None => room::room()?,
     };
-    scene.settings.bins = arguments.bins;
+    scene.settings = scene.settings.bins(arguments.bins).visibility(VisibilityChoice::Implicit);
     room::weld(&mut scene);
     let selected = |kinds: &[Kind]| -> Vec<Kind> {
         let asked = |kind: &Kind| arguments.kinds.is_empty() || arguments.kinds.contains(kind);
