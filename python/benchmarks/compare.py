@@ -142,7 +142,7 @@ def traced_curve(work, error, most, seconds, runs):
 
 def variants(scene, quick):
     """Yield settings from fast to accurate, by name."""
-    usual = scene.settled()
+    usual = scene.resolved(cut=False).scene
     yield "usual", usual
     yield "coarse bins", scene.with_settings(bins="6x8", near_field=10, tolerance=3e-3)
     if quick:
@@ -230,7 +230,7 @@ def fit(scene, traced, truth, options):
     start_emission[lamps] = scene.emission[lamps].mean()
     epsilon = 0.1
     # The time to refine counts once, with each fit.
-    finer, before = timed(lambda: antirad.refine(scene.settled(), max_triangles=20_000).scene)
+    finer, before = timed(lambda: antirad.refine(scene, max_triangles=20_000).scene)
 
     def distance(albedo, emission):
         differences = [albedo[walls] - scene.albedo[walls], emission[lamps] / scene.emission[lamps] - 1]

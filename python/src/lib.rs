@@ -11,6 +11,7 @@ mod fit;
 mod picture;
 mod plan;
 mod renderer;
+mod resolved;
 mod scene;
 mod textures;
 mod work;
@@ -42,6 +43,8 @@ mod _antirad {
     use crate::plan::{Plan, plan_};
     #[pymodule_export]
     use crate::renderer::Renderer;
+    #[pymodule_export]
+    use crate::resolved::Resolved;
     #[pymodule_export]
     use crate::scene::{Camera, Material, Scene};
     #[pymodule_export]

@@ -2,11 +2,11 @@
 
 use crate::arrays::{self, Array, Numbers, Triple};
 use crate::errors::{OrRaise, invalid, word};
+use crate::resolved::{self, Resolved};
 use crate::work;
 use antirad::export::{Format, export};
 use antirad::glam::DVec3;
-use antirad::scene::{self, BinLayout, Choice, LoadOptions, Mesh, Normalization, Orient, Sky, Sun, Triangle};
-use antirad::target_error::usual_settings;
+use antirad::scene::{self, BinLayout, LoadOptions, Mesh, Normalization, Orient, Sky, Sun, Triangle};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyRange};
 use std::path::PathBuf;
@@ -539,20 +539,16 @@ impl Scene {
             settings.visibility = word("visibility", visibility)?;
         }
         settings.check().or_raise()?;
-        if let Choice::Open { bins: open_bins, near_field: open_near } = scene.choice {
-            scene.choice = Choice::Open {
-                bins: open_bins && bins.is_none(),
-                near_field: open_near && near_field.is_none(),
-            };
-        }
         Ok(Self::of(scene))
     }
 
-    /// The scene with bins and near field chosen for it, where its file leaves them open, as the command line does.
-    fn settled(&self, py: Python<'_>) -> PyResult<Self> {
-        let scene = self.inner.clone();
-        let settings = work::run(py, None, move |_| usual_settings(&scene))?;
-        Ok(Self::of(scene::Scene { settings, choice: Choice::STATED, ..(*self.inner).clone() }))
+    /// The scene with nothing left to decide, as the command line solves it: its mesh is cut where light varies within triangles.
+    ///
+    /// Args:
+    ///     cut: Whether triangles may be cut.
+    #[pyo3(signature = (*, cut=true))]
+    fn resolved(&self, py: Python<'_>, cut: bool) -> PyResult<Resolved> {
+        resolved::resolved(py, self, cut)
     }
 
     /// The camera with a name; by default the only one.

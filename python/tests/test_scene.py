@@ -74,8 +74,19 @@ def test_settings():
     assert settings["bins"] == "concentric:8" and settings["solver"] == "fixed-point"
     assert settings["precision"] == "f64" and settings["tolerance"] == 1e-6
     assert settings["backend"] == "auto"
-    coarse = antirad.Scene.load(SCENES / "cornell_boxes.toml")
-    assert coarse.settled().settings["bins"] in ("10x13", "concentric:10")
+
+
+def test_resolved():
+    scene = antirad.Scene.load(SCENES / "cornell_boxes.toml")
+    resolved = scene.resolved()
+    assert [decision[0] for decision in resolved.decisions][:3] == ["mesh", "visibility", "lamps"]
+    assert resolved.scene.settings["visibility"] == "explicit" and resolved.scene.settings["lamps"] == "exact"
+    count = len(scene.triangles)
+    assert len(resolved.scene.triangles) > count and len(resolved.parents) == len(resolved.scene.triangles)
+    # Parts inside of others are left out, and count as dark.
+    ones = resolved.on_given(np.ones((len(resolved.parents), 3)))
+    assert ones.shape == (count, 3) and ones.max() <= 1 + 1e-9 and ones.mean() > 0.9
+    assert len(scene.resolved(cut=False).scene.triangles) == count
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,58 @@
+//! What a scene leaves open, decided once.
+
+use crate::arrays::{self, Array, Numbers};
+use crate::errors::OrRaise;
+use crate::scene::Scene;
+use crate::work;
+use antirad::resolve::{self, ResolveOptions};
+use pyo3::prelude::*;
+
+/// A scene with nothing left to decide: what `Scene.resolved` returns.
+#[pyclass(frozen, module = "antirad")]
+pub struct Resolved {
+    inner: resolve::Resolved,
+}
+
+#[pymethods]
+impl Resolved {
+    /// The scene as the command line solves it: its triangles are parts of those given, and its settings are all stated.
+    #[getter]
+    fn scene(&self) -> Scene {
+        Scene::of(self.inner.scene.clone())
+    }
+
+    /// What was decided: (setting, value, reason) each.
+    #[getter]
+    fn decisions(&self) -> Vec<(&'static str, String, String)> {
+        let decisions = self.inner.decisions.iter();
+        decisions.map(|of| (of.setting, of.value.clone(), of.why.clone())).collect()
+    }
+
+    /// Per triangle of `scene`, the index of the given one that it is a part of, int64.
+    #[getter]
+    fn parents<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        arrays::indices(py, &self.inner.cut.parents().collect::<Vec<u32>>())
+    }
+
+    /// Means over the given triangles, (N, 3), of values of the triangles of `scene`, such as irradiance.
+    ///
+    /// Args:
+    ///     values: Of each triangle of `scene`, (M, 3).
+    fn on_given<'py>(&self, py: Python<'py>, values: Numbers) -> PyResult<Array<'py>> {
+        let values = arrays::triples("values", &values, Some(self.inner.scene.triangles.len()))?;
+        arrays::rows(py, self.inner.on_given(&values))
+    }
+
+    fn __repr__(&self) -> String {
+        let lines: Vec<String> = self.inner.decisions.iter().map(ToString::to_string).collect();
+        lines.join("\n")
+    }
+}
+
+/// Resolves a scene. `cut`: whether its triangles may be cut.
+pub fn resolved(py: Python<'_>, scene: &Scene, cut: bool) -> PyResult<Resolved> {
+    let scene = scene.inner.clone();
+    let options = ResolveOptions::default().cut(cut);
+    let inner = work::run(py, None, move |_| resolve::resolve(&scene, &options))?.or_raise()?;
+    Ok(Resolved { inner })
+}
