@@ -13,7 +13,6 @@ use antirad::scene::{
     Camera, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle,
     VisibilityChoice,
 };
-use antirad::target_error::usual_settings;
 use antirad::warnings::{Kind, Warnings};
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use antirad_core::solve::{GmresParams, SolveError, gmres};
@@ -240,7 +239,7 @@ fn gaps_below_the_size_of_triangles() {
 fn under(backend: &Backend, plates: &Plates) -> Result<f64, EngineError> {
     let scene = plates.scene().expect("a scene");
     let floor = scene.meshes[0].range.start as usize..scene.meshes[0].range.end as usize;
-    let settings = usual_settings(&scene);
+    let settings = layered(&scene);
     let run = |occlusion| {
         let options = PlanOptions::of(backend).occlusion(occlusion);
         let plan = Plan::new(&scene, &options, &settings)?;
@@ -289,7 +288,7 @@ fn stacks_of_plates_that_are_too_close() {
         let plates = Plates { count, cells, ..Plates::default() };
         let scene = plates.scene().expect("a scene");
         named_layers(&scene, count);
-        let settings = usual_settings(&scene);
+        let settings = layered(&scene);
         assert!(warned(&scene, &settings).get(Kind::CoarseBlockers).is_some(), "{count} plates of {cells}");
         let leak = under(&backend, &plates).expect("a solution");
         println!("{count} plates of {cells} squares: {:.1} % of the light comes through", 100.0 * leak);

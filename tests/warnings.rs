@@ -243,7 +243,7 @@ fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
     let given = areas(&scene);
     let error = |scene: &Scene, parents: &[u32]| {
         let mut scene = scene.clone();
-        scene.settings = antirad::target_error::usual_settings(&scene);
+        scene.settings = scene.settings.visibility(VisibilityChoice::Implicit);
         let (engine, solution) = solve(&backend, &scene, &scene.settings);
         let found = scene.means_on(parents, &given, &solution.irradiance);
         drop((engine, solution));

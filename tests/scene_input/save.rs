@@ -2,7 +2,7 @@
 
 use antirad::backend::BackendChoice;
 use antirad::scene::{
-    BinLayout, Camera, Choice, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolveSettings,
+    BinLayout, Camera, LoadOptions, Material, Mesh, Normalization, Precision, Scene, SolveSettings,
     SolverChoice, Triangle,
 };
 use glam::DVec3;
@@ -20,7 +20,7 @@ fn same(a: &Scene, b: &Scene) {
     assert_eq!(a.materials, b.materials);
     assert_eq!(a.cameras, b.cameras);
     assert_eq!(a.settings, b.settings);
-    assert_eq!(a.choice, b.choice);
+    assert_eq!(a.target_error, b.target_error);
     assert_eq!(a.degenerate, b.degenerate);
 }
 
@@ -89,7 +89,6 @@ fn awkward_scenes() {
         };
         scene.set_camera(camera).expect("a camera");
     }
-    scene.choice = Choice::STATED;
     scene.settings = SolveSettings::default()
         .bins(BinLayout::Concentric { n: 8 })
         .near_field(third)
@@ -110,7 +109,7 @@ fn awkward_scenes() {
     assert_eq!(files, ["s.mtl", "s.toml", "s_1.obj", "s_2.obj", "s_3.obj"]);
 
     // A target error is saved alone, without the settings that are chosen for it.
-    scene.choice = Choice::Within(0.05);
+    scene.target_error = Some(0.05);
     scene.save(&path).expect("written");
     let SolveSettings { bins, near_field, tolerance, .. } = SolveSettings::default();
     scene.settings = scene.settings.bins(bins).near_field(near_field).tolerance(tolerance);

@@ -1,7 +1,7 @@
 //! TOML scene files.
 
 use antirad::backend::BackendChoice;
-use antirad::scene::{BinLayout, Choice, SolveSettings, SolverChoice};
+use antirad::scene::{BinLayout, SolveSettings, SolverChoice};
 
 use super::{Folder, OBJ, TOML, assert_refused, assert_says, good, with_mesh};
 
@@ -102,18 +102,12 @@ fn broken_accuracy() {
     assert_eq!((settings.bins, settings.solver), (BinLayout::Concentric { n: 12 }, SolverChoice::FixedPoint));
 }
 
-/// Settings that are not given are open.
+/// A target error, and none where none is given.
 #[test]
-fn what_is_left_to_be_chosen() {
-    for (lines, choice) in [
-        ("", Choice::default()),
-        ("tolerance = 1e-3", Choice::Open { bins: true, near_field: true }),
-        ("bins = { concentric = 12 }", Choice::Open { bins: false, near_field: true }),
-        ("near_field = 30\nbins = { equal_angle = [10, 13] }", Choice::STATED),
-        ("error = 0.02\nmax_passes = 30", Choice::Within(0.02)),
-    ] {
+fn target_errors() {
+    for (lines, error) in [("", None), ("tolerance = 1e-3", None), ("error = 0.02\nmax_passes = 30", Some(0.02))] {
         let scene = good("s.toml", &[("s.toml", &with_mesh(&format!("[settings]\n{lines}\n")))]);
-        assert_eq!(scene.choice, choice, "{lines}");
+        assert_eq!(scene.target_error, error, "{lines}");
     }
 }
 
