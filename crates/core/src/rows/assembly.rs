@@ -96,7 +96,7 @@ fn filled<T: Clone + Copy + Default + Send>(
     let (mut columns, mut weights) = (vec![0; count], vec![T::default(); count]);
     let (mut columns_left, mut weights_left) = (&mut columns[..], &mut weights[..]);
     let groups = chunks.len().div_ceil(TOGETHER);
-    let mut of_groups: Vec<Vec<(&Slice, &mut [u32], &mut [T])>> = (0..groups).map(|_| Vec::new()).collect();
+    let mut of_groups: Vec<_> = (0..groups).map(|_| Vec::new()).collect();
     for slice in slices {
         let (own_columns, others) = columns_left.split_at_mut(size(slice));
         columns_left = others;
