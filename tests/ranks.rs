@@ -76,7 +76,8 @@ fn found(backend: &Backend, scene: &Scene, settings: &SolveSettings, options: Pl
     assert_eq!(options.ranks as usize, backend.ranks().count());
     let plan = Plan::new(scene, &options, settings).expect("a plan");
     // Some ranks may have no close pairs, and rays find theirs later.
-    let kept = plan.near_field_matrix().is_some() || plan.transport().is_explicit() && options.keep_near_field;
+    let kept =
+        plan.near_field_matrix().is_some() || plan.transport().is_explicit() && options.keep_near_field;
     assert!(kept == options.keep_near_field || !kept && options.ranks > 1, "{}", plan.near_field());
     let on_host = plan.residency() != Residency::Device;
     let of_label = |label: &str| plan.memory().of_label(label);

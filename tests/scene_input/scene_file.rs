@@ -105,7 +105,9 @@ fn broken_accuracy() {
 /// A target error, and none where none is given.
 #[test]
 fn target_errors() {
-    for (lines, error) in [("", None), ("tolerance = 1e-3", None), ("error = 0.02\nmax_passes = 30", Some(0.02))] {
+    for (lines, error) in
+        [("", None), ("tolerance = 1e-3", None), ("error = 0.02\nmax_passes = 30", Some(0.02))]
+    {
         let scene = good("s.toml", &[("s.toml", &with_mesh(&format!("[settings]\n{lines}\n")))]);
         assert_eq!(scene.target_error, error, "{lines}");
     }
