@@ -104,6 +104,8 @@ pub mod gpu {
 pub mod resolve {
     #[doc(inline)]
     pub use antirad_core::resolve::{Decision, Moves, ResolveOptions, Resolved, resolve};
+    #[doc(inline)]
+    pub use antirad_scene::Cut;
 }
 
 /// Sizes and lists, decided before anything is allocated.

@@ -10,7 +10,7 @@ use antirad::backend::Backend;
 use antirad::image::{PictureOptions, Rasterizer};
 use antirad::plan::{Occlusion, Plan, PlanOptions};
 use antirad::scene::{
-    Camera, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle,
+    BinLayout, Camera, Lamps, Material, Scene, SceneBuilder, Shape, SolveSettings, SolverChoice, Triangle,
     VisibilityChoice,
 };
 use antirad::warnings::{Kind, Warnings};
@@ -233,6 +233,12 @@ fn gaps_below_the_size_of_triangles() {
         assert!(mean.abs() <= 0.03 && rms <= 0.1, "{mean} {rms}");
     }
     finish(&backend);
+}
+
+/// Settings for blockers that are coarse: bins of equal size, and a wider near field.
+fn layered(scene: &Scene) -> SolveSettings {
+    let settings = scene.settings.visibility(VisibilityChoice::Implicit);
+    settings.bins(BinLayout::Concentric { n: 10 }).near_field(60.0)
 }
 
 /// Irradiance of a floor that plates shadow entirely, relative to the one without plates.

@@ -5,22 +5,19 @@ mod support;
 use antirad::backend::Backend;
 use antirad::image::Rasterizer;
 use antirad::path_tracer::PathTracer;
-use antirad::plan::{Plan, PlanOptions};
 use antirad::render::Shading;
-use antirad::scene::{BinLayout, Camera, Choice, Lamps, Material, Scene, SceneBuilder, Shape};
+use antirad::scene::{Camera, Lamps, Material, Scene, SceneBuilder, Shape};
 use antirad::target_error::{
-    ErrorEstimate, Refinement, SearchError, Solved, Stage, TargetErrorOptions, solve_within, usual_plan,
-    usual_settings,
+    ErrorEstimate, Refinement, SearchError, Solved, Stage, TargetErrorOptions, solve_within,
 };
 use antirad::{Engine, EngineError, Solution, SolveParams};
 use antirad_base::usage::{Bytes, OverBudget};
 use antirad_core::solve::SolveError;
 use antirad_core::transport::TransportError;
-use antirad_render::target_error::{LayoutKind, layout};
 use glam::{DAffine3, DVec3};
 use std::f64::consts::PI;
-use support::kit::{Plates, Shadow};
-use support::{areas, backend, finish, load, read_npy, relative_l2, solve};
+use support::kit::Shadow;
+use support::{areas, as_given, backend, finish, implicit, read_npy, relative_l2, solve};
 
 fn run(engine: &mut Engine, scene: &Scene, _: &Stage) -> Result<Solution, EngineError> {
     engine.solve(&SolveParams::from(&scene.settings))
@@ -39,7 +36,7 @@ fn estimate(solved: &Solved) -> &ErrorEstimate {
 }
 
 fn cornell() -> Scene {
-    load("scenes/cornell_boxes.toml")
+    as_given("scenes/cornell_boxes.toml")
 }
 
 /// A closed room of emitting walls: the radiosity is 1 / (1 - ρ) everywhere.
@@ -122,31 +119,23 @@ fn closed_rooms_of_high_albedo() {
         assert!(estimate(&solved).irradiance.balance.is_some(), "the room is closed");
 
         // With the settings chosen by default, too.
-        let settings = usual_settings(&scene);
-        let (_engine, solution) = solve(&backend, &scene, &settings);
+        let (_engine, solution) = solve(&backend, &scene, &scene.settings);
         let error = relative_l2(&solution.radiosity, &truth, &areas(&scene));
-        println!(
-            "albedo {albedo}, usual settings (near field {}): {:.3} %",
-            settings.near_field,
-            100.0 * error
-        );
+        println!("albedo {albedo}, by default: {:.3} %", 100.0 * error);
         assert!(error <= 0.01, "{error}");
     }
     finish(&backend);
 }
 
-/// Bins of equal size where blockers are coarse, unless the scene states its own.
+/// What no level has an error of is refused.
 #[test]
-fn bins_suit_the_scene() {
-    let chosen = |scene: &Scene| usual_settings(scene).bins;
-    let usual = BinLayout::EqualAngle { theta: 10, phi: 13 };
-    let mut plates = Plates::default().scene().expect("a scene");
-    assert_eq!(chosen(&cornell()), usual);
-    assert_eq!(chosen(&furnace(0.5)), usual);
-    assert_eq!(layout(&furnace(0.5), &furnace(0.5).settings), LayoutKind::None);
-    assert_eq!(chosen(&plates), BinLayout::Concentric { n: 10 });
-    plates.choice = Choice::STATED;
-    assert_eq!(chosen(&plates), usual);
+fn implicit_visibility_has_no_target_error() {
+    let backend = backend();
+    let refused =
+        solve_within(&backend, &implicit(cornell()), &TargetErrorOptions::new(0.05), &|_| 0, &mut run);
+    let refused = refused.err().expect("an error");
+    assert!(matches!(refused, SearchError::Implicit), "{refused}");
+    finish(&backend);
 }
 
 /// A target out of reach is reported as such, with the best answer found.
@@ -230,7 +219,7 @@ fn error_of_gathered(backend: &Backend, solved: &Solved, camera: &Camera) -> f64
 #[test]
 fn a_mesh_that_is_too_coarse_for_its_shadows() {
     let backend = backend();
-    let scene = load("scenes/coarse_cornell.toml");
+    let scene = as_given("scenes/coarse_cornell.toml");
     assert_eq!(scene.triangles.len(), 36);
     let camera = Camera { width: 64, height: 64, ..scene.cameras[0].clone() };
     for (shading, error, max_triangles, met) in [
@@ -367,18 +356,4 @@ fn comparisons_leave_no_memory_taken() {
     // Staging buffers belong to the Vulkan device.
     assert_eq!(left.filter(|label| !label.starts_with("staging")).collect::<Vec<_>>(), [""; 0]);
     finish(&backend);
-}
-
-/// The plan returned with the usual settings is the plan of these settings.
-#[test]
-fn usual_plans_are_those_of_the_usual_settings() {
-    for scene in [cornell(), furnace(0.9), Plates::default().scene().expect("a scene")] {
-        let settings = usual_settings(&scene);
-        for options in [PlanOptions::default(), PlanOptions::lavapipe().memory_budget(12 << 20)] {
-            let expected = Plan::new(&scene, &options, &settings).expect("a plan");
-            let (found, plan) = usual_plan(&scene, &options).expect("a plan");
-            assert_eq!(found, settings);
-            assert_eq!(plan.report(), expected.report());
-        }
-    }
 }

@@ -4,11 +4,10 @@ mod support;
 
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
+use antirad::resolve::{ResolveOptions, resolve};
 use antirad::scene::{
     Lamps, Material, Precision, Scene, SceneBuilder, Shape, SolveSettings, VisibilityChoice,
 };
-use antirad::target_error::usual_plan;
-use antirad::warnings::cut_for_rays;
 use antirad::{Cotangent, Engine, SolveParams};
 use glam::{DAffine3, DQuat, DVec3};
 use support::random::{Random, scattered};
@@ -118,8 +117,8 @@ fn rods() -> Scene {
 fn long_triangles_among_dense_blockers_are_cut() {
     let backend = backend();
     let given = rods();
-    let mut scene = given.clone();
-    let parents = cut_for_rays(&mut scene, usize::MAX).expect("dense blockers");
+    let resolved = resolve(&given, &ResolveOptions::default()).expect("a scene");
+    let (scene, parents) = (resolved.scene, resolved.cut.parents().collect::<Vec<u32>>());
     let of_rods = given.meshes.iter().find(|mesh| mesh.name == "rod").expect("a rod").range.clone();
     assert!(of_rods.filter(|t| parents.iter().filter(|p| *p == t).count() > 2).count() >= 4, "a rod is cut");
     let found = [&given, &scene].map(|scene| {
@@ -129,7 +128,6 @@ fn long_triangles_among_dense_blockers_are_cut() {
         means
     });
     assert!(found[1][0].abs() <= 0.01 && found[1][1] <= 0.7 * found[0][1], "{found:?}");
-    assert!(cut_for_rays(&mut load("scenes/cornell_boxes.toml"), usize::MAX).is_none());
     finish(&backend);
 }
 
@@ -192,30 +190,18 @@ fn backs_are_opaque() {
     finish(&backend);
 }
 
-/// Light falls on the back of a lamp that hangs below a white ceiling, and antiradiance lets it pass: the usual plan has explicit visibility there,
-/// and where the lamp is close to the ceiling it has not.
+/// Light falls on the back of a lamp that hangs below a white ceiling, and antiradiance lets it pass. Rays do not.
 #[test]
 fn backs_that_matter_are_opaque() {
     let backend = backend();
     let scene = room_of(0.9, 1.85).finish("white room").expect("a scene");
-    let options = PlanOptions::of(&backend);
-    let (settings, plan) = usual_plan(&scene, &options).expect("a plan");
-    assert!(plan.transport().is_explicit(), "{}", plan.transport());
-    let mean = |settings: &SolveSettings| {
-        let (_, solution) = solve(&backend, &scene, settings);
+    let mean = |visibility: VisibilityChoice| {
+        let (_, solution) = solve(&backend, &scene, &scene.settings.visibility(visibility));
         errors(&scene, &solution.irradiance, 3)[0]
     };
-    let [own, implicit] = [settings, settings.visibility(VisibilityChoice::Implicit)].map(|s| mean(&s));
+    let [own, implicit] = [VisibilityChoice::Explicit, VisibilityChoice::Implicit].map(mean);
     println!("white room: mean {own:+.4}, by antiradiance {implicit:+.4}");
     assert!(own.abs() <= 0.006 && implicit >= 0.01, "{own}, by antiradiance {implicit}");
-    // Derivatives by positions have no rays, and what is stated holds.
-    let moving = options.gradients(GradientRequest::default().positions(true));
-    let stated = Scene { settings: scene.settings.visibility(VisibilityChoice::Implicit), ..scene.clone() };
-    let close = room_of(0.9, 1.995).finish("lamp at the ceiling").expect("a scene");
-    for (scene, options) in [(&scene, &moving), (&stated, &options), (&close, &options)] {
-        let (_, plan) = usual_plan(scene, options).expect("a plan");
-        assert!(!plan.transport().is_explicit(), "{}: {}", scene.name, plan.transport());
-    }
     finish(&backend);
 }
 
@@ -369,8 +355,8 @@ fn positions_have_implicit_visibility_alone() {
     let refused = plan(&scene, &explicit(&scene), positions).expect_err("no derivatives");
     assert!(matches!(refused, PlanError::ExplicitVisibility), "{refused}");
     assert!(refused.to_string().contains("visibility = \"implicit\""), "{refused}");
-    let chosen = plan(&scene, &scene.settings, positions).expect("a plan");
-    assert!(!chosen.transport().is_explicit());
+    let implicit = scene.settings.visibility(VisibilityChoice::Implicit);
+    assert!(!plan(&scene, &implicit, positions).expect("a plan").transport().is_explicit());
 }
 
 /// The same rows on any number of threads, for any derivatives, and after a change of materials.
@@ -427,15 +413,6 @@ fn rays_know_their_error() {
 }
 
 #[test]
-fn rooms_and_statues_stay_implicit() {
-    for name in ["cornell_boxes", "two_rooms", "glossy_floor", "closed_box", "statue", "coarse_cornell"] {
-        let scene = load(&format!("scenes/{name}.toml"));
-        let plan = plan(&scene, &scene.settings, GradientRequest::default()).expect("a plan");
-        assert!(!plan.transport().is_explicit(), "{name}");
-    }
-}
-
-#[test]
 fn a_budget_that_is_too_small_is_refused() {
     let scene = plant(60);
     let options = PlanOptions::default().memory_budget(1 << 20);
@@ -449,10 +426,4 @@ fn a_budget_that_is_too_small_is_refused() {
     assert!(refused.to_string().contains(&format!("--memory-budget {planned}")), "{refused}");
     let engine = Engine::builder(antirad::backend::Backend::cpu(), &scene).settings(explicit(&scene)).build();
     assert!(engine.expect("an engine").plan().memory().total() <= planned);
-    // By itself it is not chosen where it does not fit.
-    let scene = plant(400);
-    let options =
-        PlanOptions::default().backend(antirad::backend::BackendKind::Vulkan).memory_budget(4 << 20);
-    let plan = Plan::new(&scene, &options, &scene.settings).expect("states on the host");
-    assert!(!plan.transport().is_explicit(), "{}", plan.transport());
 }

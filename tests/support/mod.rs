@@ -8,7 +8,7 @@ pub mod slots;
 use antirad::backend::{Backend, BackendChoice};
 use antirad::gpu::{Device, DeviceKind, DeviceOptions};
 use antirad::plan::{Plan, PlanOptions};
-use antirad::scene::{LoadOptions, Scene, SolveSettings};
+use antirad::scene::{LoadOptions, Scene, SolveSettings, VisibilityChoice};
 use antirad::{Engine, Solution, SolveParams};
 use antirad_core::transport::{self, Operators};
 use glam::{DAffine3, DQuat};
@@ -65,8 +65,19 @@ pub fn path(relative: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(relative)
 }
 
+/// A scene of the project with implicit visibility, which most tests are of.
 pub fn load(relative: &str) -> Scene {
+    implicit(as_given(relative))
+}
+
+/// A scene of the project.
+pub fn as_given(relative: &str) -> Scene {
     Scene::load(&path(relative), &LoadOptions::default()).expect("a scene of the project")
+}
+
+/// A scene with implicit visibility.
+pub fn implicit(scene: Scene) -> Scene {
+    Scene { settings: scene.settings.visibility(VisibilityChoice::Implicit), ..scene }
 }
 
 pub fn placed(scale: [f64; 3], to: [f64; 3]) -> DAffine3 {
