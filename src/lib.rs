@@ -1,38 +1,28 @@
-//! Differentiable directional radiosity with implicit visibility: global illumination of triangle scenes, with shadows,
-//! on a Vulkan device or on the CPU; and the exact gradients of losses with respect to lights, materials, geometry and
-//! cameras ([`Engine::backward`], [`render::Renderer::pull_back`]).
+//! Differentiable radiosity: global illumination of triangle scenes, with shadows, on a Vulkan device or on the CPU; and the exact gradients of
+//! losses with respect to lights, materials, geometry and cameras ([`Engine::backward`], [`render::Renderer::pull_back`]).
 //!
-//! The outgoing light is C = (1 - (K - J) U)⁻¹ E. E is the emission; U transports light between all pairs of triangles,
-//! ignoring occlusion; K reflects it; J makes light that a triangle blocks leave its back as negative light,
-//! *antiradiance*, which cancels what should not have passed (Dachsbacher et al., ACM TOG 26(3), 2007). The solvers
-//! find the incident light H = U C.
+//! The outgoing light is C = (1 - (K - J) U)⁻¹ E. E is the emission, U transports light between triangles, K reflects it. By default U is a sparse
+//! matrix of what rays from each triangle meet, and J is zero. With implicit visibility U transports light between all pairs of triangles, ignoring
+//! occlusion, and J makes light that a triangle blocks leave its back as negative light, *antiradiance*, which cancels what should not have
+//! passed (Dachsbacher et al., ACM TOG 26(3), 2007): its derivatives by positions are those of a smooth function. The solvers find the incident light
+//! H = U C.
 //!
 //! ```no_run
-//! use antirad::backend::Backend;
-//! use antirad::gpu::DeviceOptions;
 //! use antirad::image::ToneMap;
-//! use antirad::render::{RenderOptions, Renderer};
 //! use antirad::scene::{LoadOptions, Scene};
-//! use antirad::{Engine, SolveParams};
 //! use std::path::Path;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let backend = Backend::open(None, &DeviceOptions::default())?;
 //! let scene = Scene::load(Path::new("scenes/cornell_boxes.toml"), &LoadOptions::default())?;
-//! let mut engine = Engine::builder(&backend, &scene).build()?;
-//! let solution = engine.solve(&SolveParams::from(&scene.settings))?;
-//! println!("irradiance of triangle 0: {:?} W/m²", solution.irradiance[0]);
-//!
-//! let renderer = Renderer::new(&backend, RenderOptions::default())?;
-//! for picture in renderer.pictures(&mut engine, &solution, &scene, &scene.cameras)? {
-//!     picture.write_png("room.png", &ToneMap::default())?;
-//! }
+//! let rendered = antirad::render(&scene)?;
+//! println!("irradiance of triangle 0: {:?} W/m²", rendered.irradiance[0]);
+//! rendered.pictures[0].write_png("room.png", &ToneMap::default())?;
 //! # Ok(())
 //! # }
 //! ```
 //!
-//! Modules, in the order in which data passes through them: [`scene`] (validated input), [`plan`] (sizes and lists,
-//! decided without a device), [`backend`] (where light is computed), [`Engine`] (solves and gradients), [`render`]
+//! Modules, in the order in which data passes through them: [`scene`] (validated input), [`mod@resolve`] (what it leaves open), [`plan`] (sizes and lists,
+//! decided without a device), [`backend`] (where light is computed), [`Engine`] (solves and gradients), [`mod@render`]
 //! (pictures), [`mod@fit`] (scenes from pictures). [`path_tracer`] is the truth where there is none in closed form. What
 //! they are made of (operators, solvers, kernels, the f64 twin) is in the crates `antirad-*`, whose names may change.
 //! Units are SI; light is RGB.
@@ -52,6 +42,8 @@ pub use antirad_core::{
     Cotangent, Energy, Engine, EngineBuilder, EngineError, Gradients, MaterialGradients, Negative, RayError,
     Solution, SolveParams,
 };
+#[doc(inline)]
+pub use antirad_render::render::render;
 /// The crate of the vector types in this API, in the version it uses.
 pub use glam;
 
@@ -130,8 +122,8 @@ pub mod render {
     pub use antirad_render::image::Coverage;
     #[doc(inline)]
     pub use antirad_render::render::{
-        CameraGradient, PictureError, PullBack, Quantity, RenderOptions, Renderer, SceneGradient, SeenPixels,
-        Shown,
+        CameraGradient, PictureError, PullBack, Quantity, RenderOptions, Rendered, Renderer, SceneGradient,
+        SeenPixels, Shown,
     };
     #[doc(inline)]
     pub use antirad_render::shading::{Gathered, Light, Reflections, Shading};

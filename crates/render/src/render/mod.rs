@@ -2,10 +2,12 @@
 //! back for all who want either.
 
 mod gradient;
+mod scene;
 
 pub use crate::image::CameraGradient;
 pub use crate::shading::ShadingError as PictureError;
 pub use gradient::{Quantity, SceneGradient};
+pub use scene::{Rendered, render};
 
 use crate::image::{Coverage, ImageError, Picture, Rasterizer, geometry_gradient, geometry_gradient_of};
 use crate::shading::{self, Gathered, Light, Reflections, SeenFrom, Shading, TexelGradient};
