@@ -495,8 +495,7 @@ impl Scene {
     ///     precision: "f32" or "f64".
     ///     lamps: How direct light is computed: "exact", "sampled" (by rays, without derivatives by positions),
     ///         "antiradiance", or "auto" by what it costs.
-    ///     visibility: "implicit" (by antiradiance), "explicit" (by rays, without derivatives by positions), or "auto":
-    ///         explicit where blockers are dense.
+    ///     visibility: "explicit" (by rays, without derivatives by positions) or "implicit" (by antiradiance).
     ///     ray_error: Standard error of the irradiance that rays bring, relative to its mean over the area.
     ///
     /// Raises:

@@ -37,7 +37,7 @@ use std::time::Instant;
 pub struct Arguments {
     #[command(flatten)]
     settings: SceneSettings,
-    /// Choose bins, near field, mesh and tolerance for this relative error of irradiance and pictures, e.g. 0.02
+    /// Choose rays, bins, mesh and tolerance for this relative error of irradiance and pictures, e.g. 0.02
     #[arg(long, value_name = "ERROR", value_parser = parse_error, conflicts_with_all = ["bins", "tolerance"])]
     target_error: Option<f64>,
     /// Render this camera only; may be given several times [default: all cameras of the scene, or of --cameras]

@@ -71,6 +71,9 @@ pub struct MeshSettings {
     /// stands in between; or by antiradiance through bins
     #[arg(long, value_name = "HOW", value_parser = word::<Lamps>(LAMPS))]
     lamps: Option<Lamps>,
+    /// How blockers keep light from what is behind them: by rays (explicit), or by antiradiance (implicit) [default: explicit]
+    #[arg(long, value_name = "HOW", value_parser = word::<VisibilityChoice>(VISIBILITIES))]
+    visibility: Option<VisibilityChoice>,
 }
 
 impl MeshSettings {
@@ -78,7 +81,10 @@ impl MeshSettings {
     fn load(&self) -> Result<Scene, Failure> {
         let mut scene = self.file.load()?;
         let file = scene.settings;
-        scene.settings = file.bins(self.bins.unwrap_or(file.bins)).lamps(self.lamps.unwrap_or(file.lamps));
+        scene.settings = file
+            .bins(self.bins.unwrap_or(file.bins))
+            .lamps(self.lamps.unwrap_or(file.lamps))
+            .visibility(self.visibility.unwrap_or(file.visibility));
         if self.bins.is_some() {
             scene.target_error = None;
         }
@@ -108,9 +114,6 @@ pub struct SceneSettings {
     /// Arithmetic: f64 is for validation, and on a Vulkan device needs double precision
     #[arg(long, value_name = "PRECISION", value_parser = word::<Precision>(PRECISIONS))]
     precision: Option<Precision>,
-    /// How blockers keep light from what is behind them: by rays (explicit), or by antiradiance (implicit) [default: explicit]
-    #[arg(long, value_name = "HOW", value_parser = word::<VisibilityChoice>(VISIBILITIES))]
-    visibility: Option<VisibilityChoice>,
     /// Standard error of the irradiance that rays bring, relative to its mean over the area [default: 0.005]
     #[arg(long, value_name = "NUMBER")]
     ray_error: Option<f64>,
@@ -131,7 +134,6 @@ impl SceneSettings {
             .max_passes(self.max_passes.unwrap_or(file.max_passes))
             .solver(self.solver.unwrap_or(file.solver))
             .precision(self.precision.unwrap_or(file.precision))
-            .visibility(self.visibility.unwrap_or(file.visibility))
             .ray_error(self.ray_error.unwrap_or(file.ray_error))
             .backend(self.backend.backend.unwrap_or(file.backend));
         if self.tolerance.is_some() {

@@ -169,7 +169,7 @@ impl Warnings {
                 "the light of lamps varies within {count} triangles: what they reflect, evenly, is off by {:.1} %",
                 100.0 * error
             ),
-            remedy: "antirad refine, or render --refine (by itself from 10 % on); their own irradiance and picture are right"
+            remedy: "antirad refine; their own irradiance and picture are right"
                 .to_owned(),
             measure: "share in the relative error of reflected light of lamps",
             ..Warning::blank()
