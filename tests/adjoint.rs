@@ -16,7 +16,7 @@ use support::random::{Random, random_scene, scattered};
 /// Both layouts, coarse: the more directions share a bin, the more of its edge cases occur.
 fn all_settings() -> [SolveSettings; 2] {
     [BinLayout::EqualAngle { theta: 4, phi: 7 }, BinLayout::Concentric { n: 6 }]
-        .map(|bins| SolveSettings::default().bins(bins))
+        .map(|bins| support::implicit_settings().bins(bins))
 }
 
 fn model(scene: &Scene, settings: SolveSettings) -> Model {
@@ -422,7 +422,9 @@ fn special_geometry_has_finite_gradients() {
                 .collect();
             let mut material = Material::named("m");
             (material.albedo, material.specular, material.emission) = ([0.5; 3], [0.1; 3], [1.0; 3]);
-            let mut scene = Scene::new("special", vertices, list, vec![material]).expect("a scene");
+            let mut scene = Scene::new("special", vertices, list, vec![material])
+                .map(support::implicit)
+                .expect("a scene");
             scene.settings = settings.near_field(near_field);
             let both =
                 |class: Class| if class.has_bins() { Class { blocker: true, glossy: true } } else { class };

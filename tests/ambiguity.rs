@@ -6,7 +6,7 @@ use antirad::Watch;
 use antirad::ambiguity::{DirectLight, FirstBounce, Given, Polytope, Views};
 use antirad::backend::Backend;
 use antirad::image::Rasterizer;
-use antirad::scene::{Camera, Lamps, LoadOptions, Scene};
+use antirad::scene::{Camera, Lamps, LoadOptions, Scene, VisibilityChoice};
 use std::fs;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -55,7 +55,7 @@ fn room() -> Scene {
     fs::write(&path, ROOM).expect("written");
     let mut scene = Scene::load(&path, &LoadOptions::default()).expect("a scene");
     // All emitters take the same way.
-    scene.settings.lamps = Lamps::Antiradiance;
+    scene.settings = scene.settings.lamps(Lamps::Antiradiance).visibility(VisibilityChoice::Implicit);
     scene
 }
 

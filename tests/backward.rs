@@ -23,7 +23,7 @@ const EQUAL_ANGLE: BinLayout = BinLayout::EqualAngle { theta: 10, phi: 13 };
 
 fn settings(precision: Precision) -> SolveSettings {
     let tolerance = if precision == Precision::F64 { 1e-13 } else { 1e-6 };
-    SolveSettings::default().precision(precision).tolerance(tolerance)
+    support::implicit_settings().precision(precision).tolerance(tolerance)
 }
 
 fn engine(backend: impl Into<Backend>, scene: &Scene, request: GradientRequest) -> Engine {
@@ -569,7 +569,7 @@ fn plate_over_floor(cells: u32, shift: f64, glossy: bool) -> Scene {
     if glossy {
         (materials[0].specular, materials[0].power) = ([0.1, 0.08, 0.05], 8.0);
     }
-    Scene::new("plate", parts.0, parts.1, materials).expect("a scene")
+    Scene::new("plate", parts.0, parts.1, materials).map(support::implicit).expect("a scene")
 }
 
 #[test]
@@ -633,7 +633,8 @@ fn scene_of(triangles: &[[DVec3; 3]], settings: SolveSettings) -> Scene {
     let list = (0..triangles.len() as u32)
         .map(|k| Triangle { vertices: [3 * k, 3 * k + 1, 3 * k + 2], material: k % 2 })
         .collect();
-    let mut scene = Scene::new("special", vertices, list, vec![material, other]).expect("a scene");
+    let mut scene =
+        Scene::new("special", vertices, list, vec![material, other]).map(support::implicit).expect("a scene");
     scene.settings = settings;
     scene
 }
@@ -741,11 +742,12 @@ fn gradients_of_diffuse_scenes_take_8_kb_per_triangle() {
     add(&mut parts, Shape::Statue { triangles: 20_000 }, 0, |x| x);
     let mut material = Material::named("marble");
     (material.albedo, material.emission) = ([0.7, 0.6, 0.5], [1.0; 3]);
-    let scene = Scene::new("statue", parts.0, parts.1, vec![material]).expect("a scene");
+    let scene =
+        Scene::new("statue", parts.0, parts.1, vec![material]).map(support::implicit).expect("a scene");
     let options =
         PlanOptions::default().gradients(GradientRequest::EVERYTHING).occlusion(Occlusion::Everything);
     let options = options.keep_near_field(false);
-    let settings = SolveSettings::default().solver(SolverChoice::FixedPoint);
+    let settings = support::implicit_settings().lamps(Lamps::Exact).solver(SolverChoice::FixedPoint);
     let plan = Plan::new(&scene, &options, &settings).expect("a plan");
     let bytes = (plan.memory().total() - options.staging) as f64 / plan.triangles() as f64;
     println!("{bytes:.0} B per triangle");

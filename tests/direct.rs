@@ -469,7 +469,7 @@ fn a_luminous_figure_lights_as_by_paths() {
 
 #[test]
 fn sampled_visibility_is_refused_where_things_move() {
-    let scene = balls();
+    let scene = support::implicit(balls());
     let settings = scene.settings.lamps(Lamps::Sampled);
     let plan = |gradients| Plan::new(&scene, &PlanOptions::default().gradients(gradients), &settings);
     let request = GradientRequest::default();

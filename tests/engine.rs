@@ -38,7 +38,9 @@ fn room(cells: u32, albedo: f64) -> Scene {
     });
     // Facing down.
     add(Shape::Quad { cells: 2 }, 2, &|x| DVec3::new(0.3 + 0.4 * x.x, 0.95, 0.7 - 0.4 * x.z));
-    let mut scene = Scene::new("room", vertices, triangles, vec![grey, red, lamp]).expect("a scene");
+    let mut scene = Scene::new("room", vertices, triangles, vec![grey, red, lamp])
+        .map(support::implicit)
+        .expect("a scene");
     // A quad facing up, turned over.
     let turned: Vec<Triangle> = scene.triangles.clone();
     for (i, t) in turned.iter().enumerate().filter(|(_, t)| t.material == 2) {
@@ -277,6 +279,7 @@ fn one_triangle() {
     let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
     let triangle = Triangle { vertices: [0, 1, 2], material: 0 };
     let scene = Scene::new("one", vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![triangle], vec![lamp])
+        .map(support::implicit)
         .expect("a scene");
     let (mut engine, solution) = solve(&backend, &scene, &scene.settings);
     assert_eq!(solution.irradiance, [[0.0; 3]]);
@@ -529,7 +532,7 @@ fn unphysical_soup_is_not_passed_over_in_silence() {
     let triangles =
         (0..300).map(|k| Triangle { vertices: [3 * k, 3 * k + 1, 3 * k + 2], material: 0 }).collect();
     let soup = Material { albedo: [0.9; 3], emission: [1.0; 3], ..Material::named("soup") };
-    let scene = Scene::new("soup", vertices, triangles, vec![soup]).expect("a scene");
+    let scene = Scene::new("soup", vertices, triangles, vec![soup]).map(support::implicit).expect("a scene");
     let run = |solver| {
         // Without the near field, which would stabilise this soup.
         let settings = scene.settings.solver(solver).near_field(0.0).max_passes(60);

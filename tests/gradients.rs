@@ -203,7 +203,7 @@ fn compare_on(
 }
 
 fn double() -> SolveSettings {
-    SolveSettings::default().precision(Precision::F64)
+    support::implicit_settings().precision(Precision::F64)
 }
 
 #[test]
@@ -225,7 +225,7 @@ fn other_layouts() {
 #[test]
 fn lobes_by_matrix_and_bin_by_bin() {
     let mixed = with_own_powers(random_scene(5, 80, true, false));
-    compare("own powers, f32", &mixed, SolveSettings::default(), |l| l.tile(32).page(1));
+    compare("own powers, f32", &mixed, support::implicit_settings(), |l| l.tile(32).page(1));
     let wide = double().bins(BinLayout::EqualAngle { theta: 24, phi: 23 });
     compare("552 columns", &random_scene(17, 40, true, false), wide, |l| l);
 }

@@ -34,7 +34,7 @@ fn furnace(cells: u32, albedo: f64, add: impl FnOnce(&mut SceneBuilder, &Materia
     let mut builder = SceneBuilder::new();
     builder.shape("room", Shape::Room { cells }, &material, DAffine3::IDENTITY);
     add(&mut builder, &material);
-    builder.finish("furnace").expect("a scene")
+    builder.finish("furnace").map(support::implicit).expect("a scene")
 }
 
 /// Of radiosity: the error of the mean, and the relative root mean square error.
@@ -136,7 +136,7 @@ fn plates_with_narrow_gaps() {
         let mut builder = SceneBuilder::new();
         builder.shape("up", Shape::Quad { cells: 8 }, &glowing(0.0), DAffine3::IDENTITY);
         builder.shape("down", Shape::Quad { cells: 8 }, &black, placed([1.0, -1.0, 1.0], [0.0, gap, 0.0]));
-        let scene = builder.finish("plates").expect("a scene");
+        let scene = builder.finish("plates").map(support::implicit).expect("a scene");
         let (_engine, solution) = solve(&backend, &scene, &scene.settings);
         let found = mean(&solution.irradiance, &areas(&scene), |i| scene.material(i).name == "black");
         let error = found / squares_form_factor(gap) - 1.0;

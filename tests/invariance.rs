@@ -20,7 +20,7 @@ fn room() -> Scene {
     builder.shape("lamp", Shape::Quad { cells: 2 }, &lamp, lamp_place);
     let block = place(DVec3::new(0.3, 0.4, 0.3), 0.4, DVec3::new(0.27, 0.1, 0.45));
     builder.shape("box", Shape::Box { cells: 2 }, &grey, block);
-    builder.finish("room").expect("a scene")
+    builder.finish("room").map(support::implicit).expect("a scene")
 }
 
 fn tight(scene: &Scene) -> SolveSettings {

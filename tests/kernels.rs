@@ -144,14 +144,19 @@ fn compare_on(
 #[test]
 fn diffuse_and_glossy_scenes_of_all_sizes() {
     for (seed, triangles, glossy) in [(1, 50, false), (2, 131, true)] {
-        compare("bilinear", &random_scene(seed, triangles, glossy, false), SolveSettings::default(), |l| l);
+        compare(
+            "bilinear",
+            &random_scene(seed, triangles, glossy, false),
+            support::implicit_settings(),
+            |l| l,
+        );
     }
 }
 
 #[test]
 fn other_layouts() {
     let scene = random_scene(4, 150, true, false);
-    let concentric = SolveSettings::default().bins(BinLayout::Concentric { n: 4 });
+    let concentric = support::implicit_settings().bins(BinLayout::Concentric { n: 4 });
     compare("concentric:4", &scene, concentric, |l| l);
 }
 
@@ -159,7 +164,7 @@ fn other_layouts() {
 #[test]
 #[ignore = "takes long: more triangles, and other arrangements together"]
 fn more_sizes_and_arrangements() {
-    let single = SolveSettings::default();
+    let single = support::implicit_settings();
     compare("bilinear", &random_scene(3, 500, true, false), single, |l| l);
     let concentric = single.bins(BinLayout::Concentric { n: 12 });
     compare("concentric:12", &random_scene(4, 150, true, false), concentric, |l| l);
@@ -173,7 +178,7 @@ fn more_sizes_and_arrangements() {
 #[test]
 fn double_precision() {
     let scene = random_scene(11, 150, true, false);
-    let double = SolveSettings::default().precision(Precision::F64);
+    let double = support::implicit_settings().precision(Precision::F64);
     compare("f64", &scene, double, |l| l);
     compare("f64, concentric", &scene, double.bins(BinLayout::Concentric { n: 12 }), |l| l);
 }
@@ -185,8 +190,8 @@ fn lobes_by_matrix_and_bin_by_bin() {
     let plan = Plan::new(&mixed, &PlanOptions::default(), &mixed.settings).expect("a plan");
     let lobes = plan.report().lobes;
     assert!(lobes.matrices > 0 && lobes.shared >= 8 && lobes.direct >= 8, "{lobes:?}");
-    compare("own powers", &mixed, SolveSettings::default(), |l| l);
-    let double = SolveSettings::default().precision(Precision::F64);
+    compare("own powers", &mixed, support::implicit_settings(), |l| l);
+    let double = support::implicit_settings().precision(Precision::F64);
     let wide = double.bins(BinLayout::EqualAngle { theta: 24, phi: 23 });
     compare("f64, 552 columns", &random_scene(17, 40, true, false), wide, |l| l);
 }
@@ -194,27 +199,27 @@ fn lobes_by_matrix_and_bin_by_bin() {
 /// Lists of close sources longer than one dispatch takes.
 #[test]
 fn crowds() {
-    compare("crowd", &scattered(10, 100, true, false, 0.25), SolveSettings::default(), |l| l);
+    compare("crowd", &scattered(10, 100, true, false, 0.25), support::implicit_settings(), |l| l);
 }
 
 #[test]
 fn one_channel() {
     let scene = random_scene(5, 100, true, true);
-    let plan = Plan::new(&scene, &PlanOptions::default(), &SolveSettings::default()).expect("a plan");
+    let plan = Plan::new(&scene, &PlanOptions::default(), &support::implicit_settings()).expect("a plan");
     assert_eq!(plan.channels(), 1);
-    compare("grey", &scene, SolveSettings::default(), |l| l);
+    compare("grey", &scene, support::implicit_settings(), |l| l);
 }
 
 #[test]
 fn small_tiles_and_pages() {
     let scene = random_scene(6, 300, true, false);
-    compare("tiles of 32, one page a tile", &scene, SolveSettings::default(), |l| l.tile(32).page(1));
+    compare("tiles of 32, one page a tile", &scene, support::implicit_settings(), |l| l.tile(32).page(1));
 }
 
 #[test]
 fn without_a_near_field() {
     let scene = random_scene(8, 200, true, false);
-    compare("no sub-samples", &scene, SolveSettings::default().near_field(0.0), |l| l);
+    compare("no sub-samples", &scene, support::implicit_settings().near_field(0.0), |l| l);
 }
 
 /// Lavapipe's subgroups are as wide as the vectors of the CPU, unless a variable that it reads once says otherwise: in processes of their
@@ -258,7 +263,7 @@ fn small_scenes_on_kernels_alone() {
         [("kernels", of_cpus), ("kernels for GPUs", device().with_kernels_for(DeviceKind::Discrete))]
     {
         let on = Backend::from(on);
-        compare_on(&on, &format!("glossy, {name}"), &glossy, SolveSettings::default(), &|l| l);
+        compare_on(&on, &format!("glossy, {name}"), &glossy, support::implicit_settings(), &|l| l);
     }
 }
 
@@ -277,7 +282,7 @@ fn very_many_triangles_on_kernels_for_gpus() {
         &lamp,
         at(1.0) * down,
     );
-    let scene = builder.finish("two plates").expect("a scene");
+    let scene = builder.finish("two plates").map(support::implicit).expect("a scene");
     let settings = scene.settings;
     let device = device().with_kernels_for(DeviceKind::Discrete);
     let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
@@ -293,7 +298,7 @@ fn very_many_triangles_on_kernels_for_gpus() {
 fn a_wrong_kernel_would_be_found() {
     let scene = random_scene(9, 60, false, false);
     let backend = backend();
-    let settings = SolveSettings::default();
+    let settings = support::implicit_settings();
     let plan = Plan::new(&scene, &PlanOptions::of(&backend), &settings).expect("a plan");
     let mut other = scene.clone();
     other.materials[1].albedo = [0.9, 0.1, 0.2];
@@ -487,7 +492,7 @@ fn layouts_agree_with_the_shaders() {
 fn a_vector_is_orthonormal_after_one_submission() {
     let scene = random_scene(12, 200, true, false);
     for precision in [Precision::F32, Precision::F64] {
-        let settings = SolveSettings::default().precision(precision);
+        let settings = support::implicit_settings().precision(precision);
         let device = Backend::from(device().with_kernels_for(DeviceKind::Discrete));
         let options = PlanOptions::of(&device);
         let run = |backend: &Backend, options: &PlanOptions| {
@@ -561,7 +566,7 @@ fn a_step_of_the_solver_is_one_submission() {
         let scene = scattered(number, count, glossy, false, 1.0);
         let device = device().with_kernels_for(DeviceKind::Discrete);
         let options = PlanOptions::of(&device).keep_near_field(false).occlusion(Occlusion::Everything);
-        let plan = Plan::new(&scene, &options, &SolveSettings::default()).expect("a plan");
+        let plan = Plan::new(&scene, &options, &support::implicit_settings()).expect("a plan");
         let mut operators = operators(&Backend::from(&device), &scene, &plan);
         let mut vectors: Vec<_> = (0..12).map(|_| operators.vector().expect("a vector")).collect();
         let (basis, next) = vectors.split_at_mut(1);

@@ -5,7 +5,7 @@ mod support;
 use antirad::backend::Backend;
 use antirad::glam::{DAffine3, DVec3};
 use antirad::plan::{GradientRequest, Plan, PlanError, PlanOptions};
-use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, Triangle};
+use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, Triangle};
 use antirad::target_error::{SearchError, Stage, TargetErrorOptions, solve_within};
 use antirad::{Cotangent, Engine, EngineError, Solution, SolveParams};
 use std::ops::ControlFlow;
@@ -19,7 +19,7 @@ fn room(cells: u32) -> Scene {
         faces.iter().map(|&vertices| Triangle { vertices, material: ceiling(&vertices).into() }).collect();
     let wall = Material { albedo: [0.5; 3], ..Material::named("wall") };
     let lamp = Material { emission: [1.0; 3], ..Material::named("lamp") };
-    Scene::new("room", vertices, triangles, vec![wall, lamp]).expect("a scene")
+    Scene::new("room", vertices, triangles, vec![wall, lamp]).map(support::implicit).expect("a scene")
 }
 
 fn options(backend: &Backend) -> PlanOptions {
@@ -35,7 +35,7 @@ fn engine(backend: &Backend, scene: &Scene) -> Engine {
 }
 
 fn params() -> SolveParams {
-    SolveParams::from(&SolveSettings::default())
+    SolveParams::from(&support::implicit_settings())
 }
 
 /// The derivatives of the sum of all irradiance.

@@ -109,7 +109,7 @@ impl Recipe {
                 builder.shape("thing", shape, material, there * place);
             }
         }
-        builder.finish("random").expect("a scene")
+        builder.finish("random").map(support::implicit).expect("a scene")
     }
 }
 

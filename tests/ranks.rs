@@ -115,7 +115,7 @@ fn room_of_glossy_walls() -> Scene {
     let mut builder = SceneBuilder::new();
     builder.shape("walls", Shape::Room { cells: 3 }, &wall, placed([1.0; 3], [0.0; 3]));
     builder.shape("box", Shape::Box { cells: 1 }, &grey, placed([0.3; 3], [0.4, 0.2, 0.3]));
-    let mut scene = builder.finish("glossy walls").expect("a scene");
+    let mut scene = builder.finish("glossy walls").map(support::implicit).expect("a scene");
     // All light passes through U.
     scene.settings = scene.settings.lamps(Lamps::Antiradiance);
     scene

@@ -42,7 +42,7 @@ fn room_with(add: impl FnOnce(&mut SceneBuilder)) -> Scene {
     let mut builder = SceneBuilder::new();
     builder.shape("room", Shape::Room { cells: 8 }, &grey(), DAffine3::IDENTITY);
     add(&mut builder);
-    builder.finish("room").expect("a scene")
+    builder.finish("room").map(support::implicit).expect("a scene")
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn gains_are_those_of_the_formula() {
     builder.mesh("floor", up.clone(), vec![[0, 1, 2]], &grey(), DAffine3::IDENTITY);
     let over = DAffine3::from_translation(10.0 * DVec3::Z);
     builder.mesh("blocker", up.clone(), vec![[0, 1, 2]], &grey(), over);
-    let mut scene = builder.finish("two").expect("a scene");
+    let mut scene = builder.finish("two").map(support::implicit).expect("a scene");
     let gain = |scene: &Scene| {
         let found = warnings(scene);
         found.get(Kind::CoarseBlockers).map(|w| (w.worst[0].triangle, w.worst[0].other, w.worst[0].value))
@@ -296,7 +296,7 @@ fn large_scenes_take_seconds() {
         builder.shape("statue", Shape::Statue { triangles }, &grey(), DAffine3::IDENTITY);
         let floor = scaled(4.0, 1.0, 4.0, DVec3::new(-2.0, 0.0, -2.0));
         builder.shape("floor", Shape::Quad { cells }, &grey(), floor);
-        let scene = builder.finish("statue").expect("a scene");
+        let scene = builder.finish("statue").map(support::implicit).expect("a scene");
         let plan = plan(&scene);
         let run = |_| {
             let begin = Instant::now();

@@ -50,7 +50,7 @@ pub fn folder(jobs: &[(&str, &str)]) -> Folder {
     files.extend(jobs.iter().map(|(name, text)| (*name, (*text).to_owned())));
     let files: Vec<(&str, &str)> = files.iter().map(|(name, text)| (*name, text.as_str())).collect();
     let folder = Folder::with(&files);
-    folder.render("room.toml --refine=never").succeeded();
+    folder.render("room.toml").succeeded();
     folder
 }
 
@@ -116,7 +116,7 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     // The fitted scene is a scene, and its picture is the fitted one.
     let fitted = Scene::load(&folder.path("fits/job/scene.toml"), &LoadOptions::default()).expect("a scene");
     assert_eq!((fitted.triangles.len(), fitted.cameras.len()), (200, 2));
-    folder.run("render fits/job/scene.toml --camera main --refine=never --output again").succeeded();
+    folder.run("render fits/job/scene.toml --camera main --output again").succeeded();
     let picture = |name: &str| antirad::image::Picture::read_exr(folder.path(name)).expect("a picture");
     let pairs = picture("again/main.exr").pixels.into_iter().zip(picture("fits/job/main.exr").pixels);
     for (again, fitted) in pairs {
@@ -139,7 +139,7 @@ fn a_box_is_moved_back_by_what_two_views_see() {
                meshes = [\"block\"]\nmotion = \"translation\"\ninitial = [0.02, -0.02, 0.02]\n\
                [stop]\nrelative_decrease = 1e-3\niterations = 25\n[solve]\nsupersample = 8\n";
     let folder = Folder::with(&[("room.toml", room.as_str()), ("job.toml", job)]);
-    folder.render("room.toml --refine=never --supersample 8").succeeded();
+    folder.render("room.toml --supersample 8").succeeded();
     folder.run("fit job.toml --output fits").succeeded();
     let way = value(&folder, "fits/job/parameters.json", "translation");
     // Initially off by a tenth of its size.
@@ -158,7 +158,7 @@ fn a_camera_is_found_and_kept() {
                target = [0.512, 0.5, 1], up = [0.3, 1, 0.1], fov_x_degrees = 85, width = 64, height = 48 }\n[[fit]]\n\
                parameter = \"camera\"\n[stop]\niterations = 25\n[solve]\nsupersample = 8\n";
     let folder = Folder::with(&[("room.toml", room.as_str()), ("job.toml", job)]);
-    folder.render("room.toml --refine=never --supersample 8").succeeded();
+    folder.render("room.toml --supersample 8").succeeded();
     std::fs::rename(folder.path("out/main.exr"), folder.path("out/photo.exr")).expect("renamed");
     folder.run("fit job.toml --output fits").succeeded();
     let place = value(&folder, "fits/job/parameters.json", "camera position");
@@ -172,9 +172,7 @@ fn a_camera_is_found_and_kept() {
     let [first, .., photo] = &fitted.cameras[..] else { panic!("cameras") };
     assert_eq!(first.position.to_array(), truth);
     assert!(photo.position.abs_diff_eq(glam::DVec3::from_slice(&place), 1e-12), "{}", photo.position);
-    folder
-        .run("render fits/job/scene.toml --camera photo --refine=never --supersample 8 --output again")
-        .succeeded();
+    folder.run("render fits/job/scene.toml --camera photo --supersample 8 --output again").succeeded();
     let picture = |name: &str| antirad::image::Picture::read_exr(folder.path(name)).expect("a picture");
     let pairs = picture("again/photo.exr").pixels.into_iter().zip(picture("fits/job/photo.exr").pixels);
     for (again, fitted) in pairs {

@@ -195,7 +195,7 @@ fn lamps_of_any_brightness() {
 #[test]
 fn a_render_in_little_memory_finds_the_same() {
     let folder = Folder::with(&[]);
-    let render = "room.toml --backend vulkan --refine=never";
+    let render = "room.toml --backend vulkan --refine=never --visibility implicit";
     clean_render(&folder, render);
     let truth = rows(&folder, "out/irradiance.npy");
     assert_eq!(folder.json("out/report.json")["plan"]["states"]["residency"], "device");
@@ -274,7 +274,10 @@ fn tells_everything(report: &serde_json::Value, backend: &str) {
     assert!(report["device"]["name"].as_str().is_some_and(|name| !name.is_empty()));
     assert_eq!(report["warnings"], serde_json::json!([]));
     assert_eq!(report["plan"]["triangles"], 200);
-    assert_eq!(report["plan"]["bins"], "10x13");
+    assert_eq!(report["plan"]["bins"], "none");
+    let resolved = report["resolved"].as_array().expect("decisions");
+    let visibility = resolved.iter().find(|of| of["setting"] == "visibility").expect("a decision");
+    assert_eq!((&visibility["value"], visibility["why"].is_string()), (&"explicit".into(), true));
     assert_eq!(report["pictures"], serde_json::json!(["main.exr", "main.png", "side.exr", "side.png"]));
 
     let memory = &report["memory"];
@@ -383,7 +386,7 @@ fn options_for_the_solve() {
     let scene = format!("{ROOM}[settings]\nbins = {{ equal_angle = [4, 6] }}\ntolerance = 1e-2\n");
     let folder = Folder::with(&[("room.toml", &scene)]);
     let report = |arguments: &str| {
-        clean_render(&folder, &format!("room.toml {arguments}"));
+        clean_render(&folder, &format!("room.toml --visibility implicit {arguments}"));
         folder.json("out/report.json")
     };
     let file = report("");
@@ -400,7 +403,7 @@ fn options_for_the_solve() {
 fn settings_for_a_target_error() {
     // A lamp that hangs lower: the gap above it asks for many triangles.
     let room = ROOM.replace("0.98", "0.9");
-    let scene = format!("{room}[settings]\nerror = 0.5\nvisibility = \"implicit\"\n");
+    let scene = format!("{room}[settings]\nerror = 0.5\n");
     let folder = Folder::with(&[("room.toml", &scene)]);
     let run = clean_render(&folder, "room.toml");
     says(
@@ -422,7 +425,7 @@ fn settings_for_a_target_error() {
     assert_eq!(rows(&folder, "out/irradiance.npy").len(), triangles);
 
     // Stated settings override the scene's target error.
-    clean_render(&folder, "room.toml --bins 6x8");
+    clean_render(&folder, "room.toml --bins 6x8 --visibility implicit");
     let report = folder.json("out/report.json");
     assert!(report["refinement"].is_null());
     assert_eq!(report["plan"]["bins"], "6x8");
@@ -443,7 +446,9 @@ fn a_target_error_in_little_memory() {
     let plenty = folder.json("out/report.json");
     let (irradiance, picture) = (folder.read("out/irradiance.npy"), folder.read("out/main.exr"));
     assert_eq!(plenty["refinement"]["steps"].as_array().map(Vec::len), Some(1), "{plenty}");
-    let budget = plenty["plan"]["memory_total"].as_u64().expect("bytes");
+    let refused = folder.render(&format!("{render} --memory-budget 1")).stderr;
+    let least = refused.split("--memory-budget ").nth(1).and_then(|rest| rest.split(',').next());
+    let budget: u64 = least.and_then(|n| n.parse().ok()).expect("a number of bytes");
     clean_render(&folder, &format!("{render} --memory-budget {budget}B"));
     let little = folder.json("out/report.json");
     assert!(little["memory"]["peak"].as_u64() <= Some(budget));

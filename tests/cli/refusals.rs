@@ -181,9 +181,9 @@ fn no_device_or_not_that_one() {
 fn a_budget_that_is_too_small() {
     let folder = Folder::with(&[]);
     for (scene_and_bins, residency) in [
-        ("room.toml --refine=never --backend cpu", "device"),
-        ("room.toml --refine=never --backend vulkan", "host"),
-        ("room.toml --refine=never --backend vulkan --bins 4x6", "host"),
+        ("room.toml --refine=never --visibility implicit --backend cpu", "device"),
+        ("room.toml --refine=never --visibility implicit --backend vulkan", "host"),
+        ("room.toml --refine=never --visibility implicit --backend vulkan --bins 4x6", "host"),
     ] {
         let small = folder.render(&format!("{scene_and_bins} --memory-budget 64KiB"));
         small.refused(&["65536 bytes is too small"]);

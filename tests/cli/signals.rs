@@ -22,7 +22,16 @@ fn an_interrupted_render_ends_soon_and_writes_nothing() {
     ] {
         let folder = Folder::with(&[]);
         let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell_boxes_fine.toml");
-        let mut tool = folder.tool(["render", "--verbose", "--output", "out", "--tolerance", "1e-7"]);
+        let mut tool = folder.tool([
+            "render",
+            "--verbose",
+            "--output",
+            "out",
+            "--visibility",
+            "implicit",
+            "--tolerance",
+            "1e-7",
+        ]);
         let mut child = tool
             .args(["--backend", backend])
             .args(limit)

@@ -29,8 +29,11 @@ fn folder() -> Folder {
 fn a_check_needs_no_device_and_names_triangles() {
     let folder = folder();
     let nowhere = Path::new("/nowhere.json");
-    let checked =
-        run(without_driver(&mut folder.tool(["check", "plates.toml", "--all"]), nowhere)).succeeded();
+    let checked = run(without_driver(
+        &mut folder.tool(["check", "plates.toml", "--all", "--visibility", "implicit"]),
+        nowhere,
+    ))
+    .succeeded();
     assert_eq!(checked.stderr, "");
     let parts = [
         "plates: ",
@@ -42,7 +45,7 @@ fn a_check_needs_no_device_and_names_triangles() {
     ];
     says(&checked.stdout, &parts);
 
-    let json = folder.run("check plates.toml --json").succeeded().stdout;
+    let json = folder.run("check plates.toml --json --visibility implicit").succeeded().stdout;
     let report: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     let warnings = report["warnings"].as_array().expect("warnings");
     let kinds: Vec<_> = warnings.iter().map(|w| w["kind"].as_str().expect("a kind")).collect();
@@ -57,12 +60,12 @@ fn a_check_needs_no_device_and_names_triangles() {
         says(worst["place"].as_str().expect("a place"), &["triangle ", "of mesh \""]);
     }
     says(
-        &folder.run("check room.toml --all").succeeded().stdout,
+        &folder.run("check room.toml --all --visibility implicit").succeeded().stdout,
         &["200 triangles", "open blockers", "\"lamp\""],
     );
     folder.run("check nowhere.toml").refused(&["nowhere.toml", "cannot be read"]);
     // With fewer bins the mesh is fine enough.
-    let coarse = folder.run("check one.toml --bins 2x3 --all").succeeded().stdout;
+    let coarse = folder.run("check one.toml --bins 2x3 --all --visibility implicit").succeeded().stdout;
     assert!(coarse.contains("nothing to warn of"), "{coarse}");
 }
 
@@ -79,21 +82,24 @@ fn a_refined_scene_is_warned_of_less_and_renders() {
             .map(|w| w["count"].as_u64().expect("a count"));
         (report["triangles"].as_u64().expect("a count"), counts.sum())
     };
-    let refined = folder.run("refine one.toml --output fine --bins 6x8").succeeded();
+    let refined = folder.run("refine one.toml --output fine --bins 6x8 --visibility implicit").succeeded();
     says(
         &refined.stdout,
         &["of mesh \"plate 1\" were cut", "warnings    before: ", "coarse blockers", "after: ", "one.toml"],
     );
-    let (before, after) = (count("one.toml --bins 6x8"), count("fine/one.toml"));
+    let (before, after) = (count("one.toml --bins 6x8 --visibility implicit"), count("fine/one.toml"));
     assert!(after.0 > before.0 && after.1 < before.1, "{before:?} {after:?}");
     folder.render("fine/one.toml").succeeded();
     // The settings of the command line are those of the finer scene.
     assert_eq!(folder.json("out/report.json")["plan"]["bins"], "6x8");
 
     folder
-        .run("refine one.toml --output fine --max-triangles 10")
+        .run("refine one.toml --output fine --max-triangles 10 --visibility implicit")
         .refused(&["triangles already", "--max-triangles"]);
-    let bounded = folder.run("refine plates.toml --output fine --max-triangles 1000").succeeded().stdout;
+    let bounded = folder
+        .run("refine plates.toml --output fine --max-triangles 1000 --visibility implicit")
+        .succeeded()
+        .stdout;
     says(&bounded, &["more would be cut, but for --max-triangles 1000"]);
     assert!(count("fine/plates.toml").0 <= 1000);
 }
@@ -101,7 +107,9 @@ fn a_refined_scene_is_warned_of_less_and_renders() {
 #[test]
 fn a_render_warns_of_what_makes_it_useless() {
     let folder = folder();
-    let rendered = folder.render("plates.toml --max-passes 2000 --lamps antiradiance").succeeded();
+    let rendered = folder
+        .render("plates.toml --max-passes 2000 --lamps antiradiance --visibility implicit --refine=never")
+        .succeeded();
     says(&rendered.stderr, &["WARN stacked layers: ", "\"plate 2\"", "remedy: "]);
     says(&rendered.stdout, &["warnings    stacked layers ("]);
     let report = folder.json("out/report.json");
@@ -151,7 +159,7 @@ fn a_render_refines_a_mesh_too_coarse_for_shadows() {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/coarse_cornell.toml");
     let folder = Folder::with(&[]);
     let scene = scene.display();
-    says(&folder.run(&format!("check {scene}")).succeeded().stdout, &["coarse shadows", "render --refine"]);
+    says(&folder.run(&format!("check {scene}")).succeeded().stdout, &["coarse shadows", "antirad refine"]);
     let plain = folder.render(&format!("{scene} --refine=never")).succeeded();
     says(&plain.stdout, &["solved      36 triangles"]);
     let shown = |arguments: &str| -> (Vec<f32>, u64) {
@@ -170,8 +178,8 @@ fn a_render_refines_a_mesh_too_coarse_for_shadows() {
     let (_, more) = shown("--max-triangles 600");
     let fewer = shown("--max-triangles 300");
     assert!(fewer.1 <= 300 && more > 300, "{} and {more}", fewer.1);
-    assert_eq!(fewer, shown("--max-triangles 300 --refine"));
-    let both = folder.render(&format!("{scene} --refine --target-error 0.1"));
+    assert_eq!(fewer, shown("--max-triangles 300 --refine auto"));
+    let both = folder.render(&format!("{scene} --refine=auto --target-error 0.1"));
     assert_eq!(both.code, Some(2));
     says(&both.stderr, &["--refine", "--target-error"]);
 }

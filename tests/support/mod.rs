@@ -75,6 +75,11 @@ pub fn as_given(relative: &str) -> Scene {
     Scene::load(&path(relative), &LoadOptions::default()).expect("a scene of the project")
 }
 
+/// Settings of implicit visibility.
+pub fn implicit_settings() -> SolveSettings {
+    SolveSettings::default().visibility(VisibilityChoice::Implicit)
+}
+
 /// A scene with implicit visibility.
 pub fn implicit(scene: Scene) -> Scene {
     Scene { settings: scene.settings.visibility(VisibilityChoice::Implicit), ..scene }

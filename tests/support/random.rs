@@ -35,7 +35,7 @@ pub fn scattered(seed: u64, triangles: u32, glossy: bool, grey: bool, room: f64)
         let first = 3 * k;
         list.push(Triangle { vertices: [first, first + 1, first + 2], material: k % 4 });
     }
-    Scene::new("random", vertices, list, materials).expect("a scene")
+    Scene::new("random", vertices, list, materials).map(super::implicit).expect("a scene")
 }
 
 /// The second half of the triangles with a power of its own each: lobes by matrix and bin by bin in one scene.

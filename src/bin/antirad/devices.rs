@@ -6,7 +6,9 @@ use antirad::gpu::{Bytes, Device, DeviceOptions, KernelStatistics, ListedDevice,
 use antirad::image::Rasterizer;
 use antirad::output::atomic_write;
 use antirad::plan::{GradientRequest, Plan, PlanOptions};
-use antirad::scene::{Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings};
+use antirad::scene::{
+    Lamps, Material, Scene, SceneBuilder, SceneError, Shape, SolveSettings, VisibilityChoice,
+};
 use antirad_core::transport::vulkan;
 use clap::Args;
 use glam::{DAffine3, DVec3};
@@ -89,7 +91,8 @@ fn kernels(file: Option<&Path>) -> Result<(), Failure> {
     let device = Device::new(&options)?;
     let scene = every_class()?;
     let options = PlanOptions::of(&device).boundless().gradients(GradientRequest::EVERYTHING);
-    vulkan::compile(&device, &Plan::new(&scene, &options, &SolveSettings::default())?)?;
+    let settings = SolveSettings::default().visibility(VisibilityChoice::Implicit).lamps(Lamps::Exact);
+    vulkan::compile(&device, &Plan::new(&scene, &options, &settings)?)?;
     Rasterizer::new(&device)?;
     let rows = device.kernel_statistics();
     if rows.iter().all(|row| row.values.is_empty()) {

@@ -184,7 +184,14 @@ mod tests {
         let ranks = 3;
         let plans: Vec<Plan> = (0..ranks)
             .map(|rank| PlanOptions::default().rank(rank).ranks(ranks))
-            .map(|options| Plan::new(&scene, &options, &scene.settings).expect("a plan"))
+            .map(|options| {
+                Plan::new(
+                    &scene,
+                    &options,
+                    &scene.settings.visibility(antirad_scene::VisibilityChoice::Implicit),
+                )
+                .expect("a plan")
+            })
             .collect();
         for (g, group) in plans[0].layout().groups.iter().enumerate() {
             let own: Vec<Range<u32>> = plans.iter().map(|plan| plan.own(g).tiles).collect();
@@ -204,7 +211,12 @@ mod tests {
         let scene = Scene::load(&path, &LoadOptions::default()).expect("a shipped scene");
         for weights in [[1, 2, 3].as_slice(), &[1, 0]] {
             let options = PlanOptions::default().ranks(2).weights(RankWeights::new(weights));
-            let error = Plan::new(&scene, &options, &scene.settings).expect_err("other ranks");
+            let error = Plan::new(
+                &scene,
+                &options,
+                &scene.settings.visibility(antirad_scene::VisibilityChoice::Implicit),
+            )
+            .expect_err("other ranks");
             assert!(error.to_string().contains("for 2 processes"), "{error}");
         }
     }

@@ -3,7 +3,7 @@
 mod flooded;
 mod mesh;
 
-use crate::direct::Visibility;
+use crate::direct::{FEW_LAMPS, Lamp, Visibility};
 use crate::plan::direct_lamps;
 use antirad_base::setters;
 use antirad_scene::{Cut, Lamps, Scene, SceneError, VisibilityChoice};
@@ -123,16 +123,22 @@ pub fn resolve(scene: &Scene, options: &ResolveOptions) -> Result<Resolved, Scen
     };
     let (visibility, ray_error) = (settings.visibility, settings.ray_error);
     let (bins, near_field, tolerance) = (settings.bins, settings.near_field, settings.tolerance);
-    let (lamps, why_lamps) = match (stated.lamps, options.moves) {
-        (Lamps::Auto, Moves::Nothing) => {
+    let (lamps, why_lamps) = match stated.lamps {
+        Lamps::Auto => {
             let (_, lamps, visibility) = direct_lamps(&resolved);
-            chosen(&lamps, visibility)
+            match (options.moves, chosen(&lamps, visibility)) {
+                (Moves::Cameras | Moves::Vertices, (Lamps::Sampled, _)) if lamps.len() <= FEW_LAMPS => (
+                    Lamps::Exact,
+                    "positions or cameras are differentiated, of which sampled light has no derivatives",
+                ),
+                (Moves::Cameras | Moves::Vertices, (Lamps::Sampled, _)) => (
+                    Lamps::Antiradiance,
+                    "positions or cameras are differentiated, and lamps are too many for exact visibility: with all other light",
+                ),
+                (_, chosen) => chosen,
+            }
         }
-        (Lamps::Auto, _) => (
-            Lamps::Exact,
-            "positions or cameras are differentiated, of which sampled light has no derivatives",
-        ),
-        (stated, _) => (stated, "as stated"),
+        stated => (stated, "as stated"),
     };
     resolved.settings.lamps = lamps;
     let decision = |setting, value: String, why: &str| Decision { setting, value, why: why.to_owned() };
@@ -157,7 +163,7 @@ pub fn resolve(scene: &Scene, options: &ResolveOptions) -> Result<Resolved, Scen
 }
 
 /// What the choice of the plan is as a setting, and why.
-fn chosen(lamps: &[crate::direct::Lamp], visibility: Visibility) -> (Lamps, &'static str) {
+fn chosen(lamps: &[Lamp], visibility: Visibility) -> (Lamps, &'static str) {
     match (lamps.iter().all(|lamp| lamp.sun().is_some()), visibility) {
         (true, _) if lamps.is_empty() => {
             (Lamps::Antiradiance, "no lamp, or more than can be followed: with all other light")

@@ -155,7 +155,12 @@ mod tests {
         let mut builder = SceneBuilder::new();
         builder.shape("room", Shape::Room { cells: 6 }, &wall, DAffine3::IDENTITY);
         let scene: Scene = builder.finish("furnace").expect("a scene");
-        let plan = Plan::new(&scene, &PlanOptions::default(), &scene.settings).expect("a plan");
+        let plan = Plan::new(
+            &scene,
+            &PlanOptions::default(),
+            &scene.settings.visibility(antirad_scene::VisibilityChoice::Implicit),
+        )
+        .expect("a plan");
         let tracer = PathTracer::new(&scene);
         let count = scene.triangles.len();
         let concerned: Vec<u32> = (0..count as u32 / 2).collect();

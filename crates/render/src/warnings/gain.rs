@@ -283,8 +283,12 @@ mod tests {
         let rooms = Scene::load(&rooms, &LoadOptions::default()).expect("a shipped scene");
         let (mut gains, mut touching) = (0, 0);
         for scene in [statue(), rooms, Plates::default().scene().expect("a scene")] {
-            let plan =
-                Plan::new(&scene, &PlanOptions::default().boundless(), &scene.settings).expect("a plan");
+            let plan = Plan::new(
+                &scene,
+                &PlanOptions::default().boundless(),
+                &scene.settings.visibility(antirad_scene::VisibilityChoice::Implicit),
+            )
+            .expect("a plan");
             let search = Search::new(0.5, (&plan).into());
             let others = |receiver: u32| search.blockers.iter().copied().filter(move |&i| i != receiver);
             let mut meeting = Vec::new();

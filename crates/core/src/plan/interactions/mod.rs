@@ -110,7 +110,8 @@ mod tests {
     }
 
     fn plan(scene: &Scene, options: PlanOptions) -> Plan {
-        Plan::new(scene, &options.boundless(), &scene.settings).expect("a plan")
+        let settings = scene.settings.visibility(antirad_scene::VisibilityChoice::Implicit);
+        Plan::new(scene, &options.boundless(), &settings).expect("a plan")
     }
 
     /// The bits that may pass between two tiles, from all their triangles.

@@ -441,7 +441,9 @@ mod tests {
             .shape("floor", Shape::Quad { cells: 3 }, &floor, at(0.0))
             .shape("blocker", Shape::Quad { cells: 2 }, &Material::named("blocker"), at(0.5))
             .shape("lamp", Shape::Quad { cells: 1 }, &lamp, at(1.0) * down);
-        builder.finish("three quads").expect("a scene")
+        let mut scene = builder.finish("three quads").expect("a scene");
+        scene.settings = scene.settings.visibility(antirad_scene::VisibilityChoice::Implicit);
+        scene
     }
 
     pub fn plan(device: &Device, scene: &Scene) -> Plan {
