@@ -335,7 +335,8 @@ fn a_pattern_is_found_on_a_mesh_without_texture_coordinates() {
         {
             let brightest = before.iter().fold(0.0, |most: f64, pixel| most.max(pixel.max_element()));
             for (a, b) in before.iter().zip(after) {
-                assert!((*a - b).abs().max_element() <= 2e-3 * brightest, "{name}: {a} {b}");
+                // Rays follow the light of the start of the fit here, and of its end there.
+                assert!((*a - b).abs().max_element() <= 5e-3 * brightest, "{name}: {a} {b}");
             }
         }
     }

@@ -11,6 +11,7 @@ use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneG
 use antirad_render::shading::{Reflections, Shading};
 use antirad_scene::{Camera, Cut, Painting, Scene};
 use glam::DVec3;
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -406,16 +407,23 @@ impl Renderer for EngineRenderer {
 
     fn own_squares(&mut self, weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
         let Latest { scene, solution, coverage, .. } = self.latest.as_ref()?;
-        let none = vec![DVec3::ZERO; scene.triangles.len()];
-        let mut squares = OwnSquares { albedo: none.clone(), emission: none };
+        let parents: Vec<u32> = self.cut.parents().collect();
+        let none = vec![DVec3::ZERO; self.cut.given()];
+        let (mut albedo, mut emission) = (none.clone(), none);
         for (coverage, weights) in coverage.iter().zip(weights) {
+            // What a pixel shows of all parts of a triangle.
+            let mut shown: BTreeMap<(usize, u32), [DVec3; 2]> = BTreeMap::new();
             for FaceInPixel { face, pixel, share, .. } in coverage.faces_in_pixels() {
                 let reflected = DVec3::from(solution.in_the_open[face]) * scene.material(face).diffuse / PI;
-                squares.albedo[face] += weights[pixel] * (share * reflected).powf(2.0);
-                squares.emission[face] += weights[pixel] * share * share;
+                let [by_albedo, by_emission] = shown.entry((pixel, parents[face])).or_default();
+                *by_albedo += share * reflected;
+                *by_emission += DVec3::splat(share);
+            }
+            for ((pixel, triangle), [by_albedo, by_emission]) in shown {
+                albedo[triangle as usize] += weights[pixel] * by_albedo * by_albedo;
+                emission[triangle as usize] += weights[pixel] * by_emission * by_emission;
             }
         }
-        let (albedo, emission) = (self.cut.sums(&squares.albedo), self.cut.sums(&squares.emission));
         Some(OwnSquares { albedo, emission })
     }
 
