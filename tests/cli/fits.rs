@@ -113,7 +113,7 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     says(&compared, &["albedo of wall", "0.7000 0.5000 0.3000", "emission of lamp", "power on true lamps"]);
     assert!(!compared.contains("albedo of lamp") && !compared.contains("vertices"), "{compared}");
 
-    // The fitted scene is a scene, and its picture is the fitted one.
+    // The fitted scene is a scene, and its picture is the fitted one, but for rays that followed the light of the start.
     let fitted = Scene::load(&folder.path("fits/job/scene.toml"), &LoadOptions::default()).expect("a scene");
     assert_eq!((fitted.triangles.len(), fitted.cameras.len()), (200, 2));
     folder.run("render fits/job/scene.toml --camera main --output again").succeeded();
@@ -121,7 +121,7 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     let pairs = picture("again/main.exr").pixels.into_iter().zip(picture("fits/job/main.exr").pixels);
     for (again, fitted) in pairs {
         assert!(
-            (0..3).all(|c| (again[c] - fitted[c]).abs() <= 1e-4 * (0.1 + fitted[c].abs())),
+            (0..3).all(|c| (again[c] - fitted[c]).abs() <= 5e-4 * (0.1 + fitted[c].abs())),
             "{again:?} {fitted:?}"
         );
     }

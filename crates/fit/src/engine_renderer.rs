@@ -11,7 +11,6 @@ use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneG
 use antirad_render::shading::{Reflections, Shading};
 use antirad_scene::{Camera, Cut, Painting, Scene};
 use glam::DVec3;
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -412,16 +411,18 @@ impl Renderer for EngineRenderer {
         let (mut albedo, mut emission) = (none.clone(), none);
         for (coverage, weights) in coverage.iter().zip(weights) {
             // What a pixel shows of all parts of a triangle.
-            let mut shown: BTreeMap<(usize, u32), [DVec3; 2]> = BTreeMap::new();
-            for FaceInPixel { face, pixel, share, .. } in coverage.faces_in_pixels() {
+            let seen = coverage.faces_in_pixels().map(|FaceInPixel { face, pixel, share, .. }| {
                 let reflected = DVec3::from(solution.in_the_open[face]) * scene.material(face).diffuse / PI;
-                let [by_albedo, by_emission] = shown.entry((pixel, parents[face])).or_default();
-                *by_albedo += share * reflected;
-                *by_emission += DVec3::splat(share);
-            }
-            for ((pixel, triangle), [by_albedo, by_emission]) in shown {
-                albedo[triangle as usize] += weights[pixel] * by_albedo * by_albedo;
-                emission[triangle as usize] += weights[pixel] * by_emission * by_emission;
+                ((pixel, parents[face]), [share * reflected, DVec3::splat(share)])
+            });
+            let mut seen: Vec<((usize, u32), [DVec3; 2])> = seen.collect();
+            seen.sort_by_key(|(key, _)| *key);
+            for parts in seen.chunk_by(|(a, _), (b, _)| a == b) {
+                let (pixel, triangle) = parts[0].0;
+                let square =
+                    |k: usize| weights[pixel] * parts.iter().map(|of| of.1[k]).sum::<DVec3>().powf(2.0);
+                albedo[triangle as usize] += square(0);
+                emission[triangle as usize] += square(1);
             }
         }
         Some(OwnSquares { albedo, emission })

@@ -427,7 +427,13 @@ impl Plan {
         };
         plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_pairs()?;
-        plan.choose_solver()?;
+        if let Err(error) = plan.choose_solver() {
+            // What rays take is told along with the rest.
+            if explicit {
+                plan.choose_near_field()?;
+            }
+            return Err(error);
+        }
         if plan.residency != Residency::Device {
             // Windows have cut groups anew.
             plan.shares = Shares::of(&plan);

@@ -35,7 +35,8 @@ pub(super) fn cut(scene: &Scene, max_triangles: usize, moves: bool) -> (Scene, C
     compose(&mut parents, cut_coarse(&mut finer, max_triangles));
     compose(&mut parents, cut_at_free_paths(&mut finer, max_triangles));
     let cut = Cut::between(scene, &finer, &parents);
-    (finer, cut)
+    // To the last bit what later cuts of the moved scene are.
+    (cut.apply(scene), cut)
 }
 
 /// Cuts what is close to lamps, and wide triangles, as far as `max_triangles` allows: the triangle of each new one.
