@@ -35,9 +35,9 @@ fn white_room() -> Scene {
     let lamp = Material { emission: [10.0; 3], albedo: [0.0; 3], ..Material::named("lamp") };
     let mut builder = SceneBuilder::new();
     builder
-        .shape("room", Shape::Room { cells: 6 }, &white, placed([2.0; 3], [0.0; 3]))
+        .shape("room", Shape::Room { cells: 8 }, &white, placed([2.0; 3], [0.0; 3]))
         .shape("lamp", Shape::Quad { cells: 2 }, &lamp, placed([0.5, -1.0, 0.5], [0.75, 1.9, 0.75]))
-        .shape("box", Shape::Box { cells: 2 }, &grey, placed([0.5; 3], [0.3, 0.0, 1.0]));
+        .shape("box", Shape::Box { cells: 3 }, &grey, placed([0.5; 3], [0.3, 0.0, 1.0]));
     seen(builder, "white room")
 }
 
