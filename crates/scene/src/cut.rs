@@ -211,9 +211,9 @@ mod tests {
         assert_eq!((&again.creases, &again.degenerate), (&finer.creases, &finer.degenerate));
         let far = again.vertices.iter().zip(&finer.vertices).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
         assert!(far <= 1e-12, "{far}");
-        for k in 0..again.triangles.len() {
-            let share = again.area_vector(k).length() / given.area_vector(parents[k] as usize).length();
-            assert!((share - cut.parts[k].share).abs() <= 1e-12);
+        for (k, part) in cut.parts.iter().enumerate() {
+            let share = again.area_vector(k).length() / given.area_vector(part.triangle as usize).length();
+            assert!((share - part.share).abs() <= 1e-12);
         }
 
         // An affine map of the given scene is the same map of its parts.
