@@ -129,7 +129,7 @@ fn the_kernel_traces_the_rays_of_the_host() {
 }
 
 fn engines(scene: &Scene, backend: &Backend) -> [Engine; 2] {
-    [Lamps::Exact, Lamps::Auto].map(|lamps| {
+    [Lamps::Exact, Lamps::Sampled].map(|lamps| {
         let scene = Scene { settings: scene.settings.lamps(lamps), ..scene.clone() };
         let plan = Plan::new(&scene, &PlanOptions::of(backend), &scene.settings).expect("a plan");
         Engine::new(backend, &scene, plan).expect("an engine")
@@ -189,7 +189,8 @@ fn pictures_by_the_kernel_are_those_of_exact_light() {
 fn memory_is_counted() -> Result<(), GpuError> {
     let device = device().with_kernels_for(DeviceKind::Discrete);
     let scene = load("scenes/cornell_boxes.toml");
-    let plan = Plan::new(&scene, &PlanOptions::of(&device), &scene.settings).expect("a plan");
+    let settings = scene.settings.lamps(Lamps::Sampled);
+    let plan = Plan::new(&scene, &PlanOptions::of(&device), &settings).expect("a plan");
     let (facets, light) = prepared(&scene);
     let before = device.memory().in_use;
     let tracer = tracer(&device, Precision::F32, &facets, &light)?;

@@ -8,6 +8,7 @@ use antirad::plan::{GradientRequest, Plan, PlanOptions};
 use antirad::render::{CameraGradient, Light, Reflections};
 use antirad::scene::{
     BinLayout, Camera, Lamps, LoadOptions, Material, Precision, Scene, SceneBuilder, Shape, Sun, Triangle,
+    VisibilityChoice,
 };
 use antirad::{Engine, SolveParams};
 use antirad_render::image::Coverage;
@@ -304,7 +305,8 @@ fn derivatives_are_those_of_central_differences(scene: &Scene) {
     let camera = camera();
     let options = PlanOptions::of(&backend).gradients(GradientRequest::EVERYTHING);
     let engine = |scene: &Scene| {
-        let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
+        let settings = scene.settings.visibility(VisibilityChoice::Implicit);
+        let plan = Plan::new(scene, &options, &settings).expect("a plan");
         Engine::new(&backend, scene, plan).expect("an engine")
     };
     let params = SolveParams::from(&scene.settings);
@@ -652,7 +654,8 @@ fn derivatives_of_textured_pictures_are_those_of_central_differences() {
         ];
         let options = PlanOptions::of(&backend).gradients(GradientRequest::EVERYTHING);
         let engine = |scene: &Scene| {
-            let plan = Plan::new(scene, &options, &scene.settings).expect("a plan");
+            let settings = scene.settings.visibility(VisibilityChoice::Implicit);
+            let plan = Plan::new(scene, &options, &settings).expect("a plan");
             Engine::new(&backend, scene, plan).expect("an engine")
         };
         let params = SolveParams::from(&scene.settings);

@@ -88,8 +88,10 @@ fn gains_are_those_of_the_formula() {
 
 #[test]
 fn stacked_layers_are_named() {
-    let two = warnings(&Plates { count: 2, ..Plates::default() }.scene().expect("a scene"));
-    let five = warnings(&Plates { count: 5, ..Plates::default() }.scene().expect("a scene"));
+    let two =
+        warnings(&Plates { count: 2, ..Plates::default() }.scene().map(support::implicit).expect("a scene"));
+    let five =
+        warnings(&Plates { count: 5, ..Plates::default() }.scene().map(support::implicit).expect("a scene"));
     let [two, five] = [&two, &five].map(|w| w.get(Kind::StackedLayers).expect("a warning").clone());
     assert!(five.effect.share > 0.05 && five.worst[0].value > 100.0 * two.worst[0].value, "{two}\n{five}");
     for k in 1..=5 {
@@ -97,7 +99,8 @@ fn stacked_layers_are_named() {
     }
     assert!(!two.message.contains("plate 3"), "{}", two.message);
     // A single layer is not a stack.
-    let one = warnings(&Plates { count: 1, ..Plates::default() }.scene().expect("a scene"));
+    let one =
+        warnings(&Plates { count: 1, ..Plates::default() }.scene().map(support::implicit).expect("a scene"));
     assert_eq!(kinds(&one), [Kind::CoarseBlockers], "{one}");
 }
 
@@ -202,7 +205,13 @@ fn triangles_are_named_by_file_and_line() {
 fn refinement_removes_the_causes() {
     for (name, mut scene) in [
         ("cornell_boxes", load("scenes/cornell_boxes.toml")),
-        ("plates", Plates { cells: 6, gap: 0.5, ..Plates::default() }.scene().expect("a scene")),
+        (
+            "plates",
+            Plates { cells: 6, gap: 0.5, ..Plates::default() }
+                .scene()
+                .map(support::implicit)
+                .expect("a scene"),
+        ),
     ] {
         let old = scene.clone();
         let refined =
@@ -272,7 +281,10 @@ fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
 #[test]
 fn refining_keeps_to_its_bounds() {
     let scene = || {
-        let scene = Plates { count: 4, cells: 6, ..Plates::default() }.scene().expect("a scene");
+        let scene = Plates { count: 4, cells: 6, ..Plates::default() }
+            .scene()
+            .map(support::implicit)
+            .expect("a scene");
         Scene { settings: scene.settings.visibility(VisibilityChoice::Implicit), ..scene }
     };
     let count = scene().triangles.len();

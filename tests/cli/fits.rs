@@ -121,7 +121,7 @@ fn a_job_finds_what_the_pictures_were_made_with() {
     let pairs = picture("again/main.exr").pixels.into_iter().zip(picture("fits/job/main.exr").pixels);
     for (again, fitted) in pairs {
         assert!(
-            (0..3).all(|c| (again[c] - fitted[c]).abs() <= 5e-4 * (0.1 + fitted[c].abs())),
+            (0..3).all(|c| (again[c] - fitted[c]).abs() <= 2e-3 * (0.1 + fitted[c].abs())),
             "{again:?} {fitted:?}"
         );
     }

@@ -113,7 +113,7 @@ impl Scene {
     /// solver = "auto"                # or "fixed-point", "gmres"
     /// precision = "f32"              # or "f64"
     /// backend = "auto"               # or "cpu", "vulkan": where light is computed; auto: on a GPU if there is one, else on the CPU
-    /// visibility = "auto"            # or "implicit", "explicit": antiradiance or rays keep light from what is behind blockers
+    /// visibility = "explicit"        # or "implicit"
     /// ray_error = 0.005              # standard error of the irradiance that rays bring, relative to its mean
     /// # error = 0.02                 # target error of irradiance, instead of bins, near_field and tolerance
     /// ```

@@ -245,8 +245,9 @@ impl Scene {
         }]);
         let settings = SettingsTable {
             error,
-            bins: (self.settings.bins != usual.bins).then_some(bins),
-            near_field: (self.settings.near_field != usual.near_field).then_some(self.settings.near_field),
+            bins: (error.is_none() && self.settings.bins != usual.bins).then_some(bins),
+            near_field: (error.is_none() && self.settings.near_field != usual.near_field)
+                .then_some(self.settings.near_field),
             lamps: self.settings.lamps.to_string(),
             tolerance: error.is_none().then_some(self.settings.tolerance),
             max_passes: self.settings.max_passes,

@@ -427,13 +427,13 @@ impl Plan {
         };
         plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_pairs()?;
-        if let Err(error) = plan.choose_solver() {
-            // What rays take is told along with the rest.
-            if explicit {
-                plan.choose_near_field()?;
-            }
-            return Err(error);
-        }
+        // The solver has what rows of rays leave.
+        plan.shares = Shares::of(&plan);
+        plan.expect_rays();
+        plan.choose_solver().map_err(|error| match error {
+            PlanError::OverBudget { budget, needed } if explicit => PlanError::TooManyRays { budget, needed },
+            error => error,
+        })?;
         if plan.residency != Residency::Device {
             // Windows have cut groups anew.
             plan.shares = Shares::of(&plan);

@@ -113,8 +113,9 @@ impl Plan {
     /// # Errors
     /// Fails if light goes by rays and their matrix does not fit.
     pub(super) fn choose_near_field(&mut self) -> Result<(), PlanError> {
-        if let PlannedTransport::Rays { rays, .. } = self.transport {
-            return self.expect_rays(rays);
+        if self.transport.is_explicit() {
+            self.expect_rays();
+            return self.check_near_matrix();
         }
         let evaluated = |why| NearField::Evaluated { why };
         self.near_field = self.near_matrix().map_or_else(evaluated, NearField::Kept);
@@ -129,8 +130,9 @@ impl Plan {
         Ok(())
     }
 
-    /// Estimates the matrix of the rays that all light goes by, which an engine traces.
-    fn expect_rays(&mut self, rays: u32) -> Result<(), PlanError> {
+    /// Estimates the matrix of the rays that all light goes by, which an engine traces, if it does.
+    pub(super) fn expect_rays(&mut self) {
+        let PlannedTransport::Rays { rays, .. } = self.transport else { return };
         let (triangles, own) = (self.triangles() as u64, self.own_triangles());
         let sources = self.share_of(|class| class.glossy);
         let receivers = self.share_of(|class| class.has_bins());
@@ -139,7 +141,6 @@ impl Plan {
         let entries = own as f64 * (f64::from(rays) * of_a_ray).min(triangles as f64 * of_a_ray);
         self.near_field =
             NearField::Traced { rays: own * u64::from(rays), entries: (FILLED * entries) as u64 };
-        self.check_near_matrix()
     }
 
     /// Triangles that this rank computes.
