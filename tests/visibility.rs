@@ -417,13 +417,13 @@ fn a_budget_that_is_too_small_is_refused() {
     let scene = plant(60);
     let options = PlanOptions::default().memory_budget(1 << 20);
     let refused = Plan::new(&scene, &options, &explicit(&scene)).expect_err("1 MiB");
-    assert!(matches!(refused, PlanError::OverBudget { .. } | PlanError::TooManyRays { .. }), "{refused}");
     // The plan says what rows may take, and what would do.
-    let options = PlanOptions::default();
-    let planned = Plan::new(&scene, &options, &explicit(&scene)).expect("a plan").memory().total();
-    let refused =
-        Plan::new(&scene, &options.memory_budget(planned - 1), &explicit(&scene)).expect_err("a byte less");
-    assert!(refused.to_string().contains(&format!("--memory-budget {planned}")), "{refused}");
+    let PlanError::TooManyRays { needed, .. } = refused else { panic!("{refused}") };
+    assert!(refused.to_string().contains(&format!("--memory-budget {needed}")), "{refused}");
+    let within = |budget: u64| Plan::new(&scene, &options.memory_budget(budget), &explicit(&scene));
+    assert!(within(needed).expect("a plan").memory().total() <= needed);
+    assert!(matches!(within(needed - 1), Err(PlanError::TooManyRays { .. })), "a byte less");
+    let planned = within(u64::MAX).expect("a plan").memory().total();
     let engine = Engine::builder(antirad::backend::Backend::cpu(), &scene).settings(explicit(&scene)).build();
     assert!(engine.expect("an engine").plan().memory().total() <= planned);
 }
