@@ -306,7 +306,6 @@ fn the_best_answer_stays() {
     // The first level cannot be run: the one below is, and the first is not tried again.
     let solved = failing(&backend, 0.002, |solve| solve == 1, no_memory).expect("a lower level's answer");
     assert_eq!(solved.refinement.steps[0].bins, "concentric:16");
-    assert!(solved.refinement.why.join("\n").contains("skipped"), "{:?}", solved.refinement.why);
     // No level from the first on has an answer, but the one below it has.
     let solved = failing(&backend, 0.002, |solve| solve <= 6, diverged).expect("a lower level's answer");
     let Refinement { steps, chosen, .. } = &solved.refinement;
