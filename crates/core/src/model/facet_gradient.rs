@@ -19,6 +19,17 @@ pub struct FacetGradient {
 }
 
 impl FacetGradient {
+    /// From the numbers of a slot, as both backends hold them: corners and areas by fours, then the normal.
+    pub fn of_slot(numbers: &[f64]) -> Self {
+        let vector = |at: usize| DVec3::new(numbers[at], numbers[at + 1], numbers[at + 2]);
+        Self {
+            corners: [vector(0), vector(4), vector(8)],
+            normal: vector(12),
+            area: numbers[3],
+            characteristic_area: numbers[7],
+        }
+    }
+
     /// Adds a gradient with respect to the centroid.
     pub fn add_centroid(&mut self, gradient: DVec3) {
         for corner in &mut self.corners {

@@ -221,16 +221,7 @@ pub fn vector<T: Real>(state: &State) -> Result<&Vector<T>, TransportError> {
 
 /// The derivatives by facets, of each slot.
 fn facet_gradients<T: Real>(gradients: &[T]) -> Vec<FacetGradient> {
-    let gradient = |v: &[f64]| {
-        let vector = |at: usize| DVec3::new(v[at], v[at + 1], v[at + 2]);
-        FacetGradient {
-            corners: [vector(0), vector(4), vector(8)],
-            normal: vector(12),
-            area: v[3],
-            characteristic_area: v[7],
-        }
-    };
-    values(gradients).chunks_exact(GRADIENT).map(gradient).collect()
+    values(gradients).chunks_exact(GRADIENT).map(FacetGradient::of_slot).collect()
 }
 
 impl<T: Real> LightOperator for AdjointOperator<'_, T> {

@@ -262,16 +262,7 @@ impl Adjoint for AdjointOperator<'_> {
         }
         context.complete_slots(gradients, 16 * precision.bytes())?;
         let values = real::download(&context.device, gradients, precision, 0..count)?;
-        let gradient = |v: &[f64]| {
-            let vector = |at: usize| DVec3::new(v[at], v[at + 1], v[at + 2]);
-            FacetGradient {
-                corners: [vector(0), vector(4), vector(8)],
-                normal: vector(12),
-                area: v[3],
-                characteristic_area: v[7],
-            }
-        };
-        Ok((values.chunks_exact(16).map(gradient).collect(), camera_positions))
+        Ok((values.chunks_exact(16).map(FacetGradient::of_slot).collect(), camera_positions))
     }
 }
 
