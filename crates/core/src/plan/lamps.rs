@@ -104,11 +104,6 @@ pub fn direct_lamps(scene: &Scene) -> (Arc<[Facet]>, Vec<Lamp>, Visibility) {
     (facets, lamps, visibility)
 }
 
-/// Whether a scene has lamps whose direct light is computed separately from U.
-pub fn has_direct_lamps(scene: &Scene) -> bool {
-    !direct_lamps(scene).1.is_empty()
-}
-
 impl Plan {
     /// Whether kernels trace the rays that lamps are sampled with.
     #[doc(hidden)]

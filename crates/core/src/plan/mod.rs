@@ -20,7 +20,7 @@ pub use error::PlanError;
 pub use gradient_request::GradientRequest;
 pub use interactions::{FarRuns, Interactions, NearPairs, PAIR_BACK, PAIR_FRONT, PAIR_NEAR, PairLists};
 pub use lamps::LampsReport;
-pub use lamps::{direct_lamps, has_direct_lamps};
+pub use lamps::direct_lamps;
 pub use lobes::{LOBE_BYTES, LOBE_ROWS, LobeSlots, PlannedLobes};
 pub use memory::{ALL_SUMS, LAMP_PAIRS, LAMP_STAGING, PARTIAL_SUMS, lamp_rays_room};
 pub use memory::{MemoryItem, MemoryPlan};
@@ -427,9 +427,6 @@ impl Plan {
         };
         plan.lobes.matrices = plan.affordable_lobes();
         plan.choose_pairs()?;
-        // The solver has what rows of rays leave.
-        plan.shares = Shares::of(&plan);
-        plan.expect_rays();
         plan.choose_solver().map_err(|error| match error {
             PlanError::OverBudget { budget, needed } if explicit => PlanError::TooManyRays { budget, needed },
             error => error,
@@ -471,6 +468,8 @@ impl Plan {
             }
         };
         self.shares = Shares::of(self);
+        // The solver has what rows of rays leave.
+        self.expect_rays();
         let matrices = self.lobes.matrices;
         // Matrices take a small share of the budget: only where nothing else fits are there none.
         for matrices in [matrices, 0] {

@@ -25,7 +25,6 @@ impl PlannedTransport {
         matches!(self, Self::Rays { .. })
     }
 
-    /// Rays: as many as the error asks for.
     /// What settings state. Where nothing is to block, or everything, there is nothing for rays to find out.
     ///
     /// # Errors
