@@ -17,6 +17,15 @@ impl Scene {
         self.triangles.iter().map(|t| there.get(&self.front(other_side(t.vertices))).copied()).collect()
     }
 
+    /// Chosen triangles, each once and with its [other side](Self::other_sides), if it has one: the two stay alike where they are cut.
+    #[doc(hidden)]
+    pub fn with_other_sides(&self, chosen: Vec<u32>) -> Vec<u32> {
+        let other_sides = self.other_sides();
+        let mut seen = HashSet::new();
+        let both = chosen.into_iter().flat_map(|t| [Some(t), other_sides[t as usize]]);
+        both.flatten().filter(|&t| seen.insert(t)).collect()
+    }
+
     /// Triangles with an area, and the same corners and front as one before.
     pub(super) fn repeated(&self) -> Vec<usize> {
         let mut there = HashSet::new();

@@ -29,11 +29,8 @@ pub(super) fn cut(scene: &Scene, max_triangles: usize, moves: bool) -> (Scene, C
         true => finer.cut_along_all_contacts(max_triangles),
         false => finer.cut_along_contacts(max_triangles),
     };
-    let compose = |parents: &mut Vec<u32>, parts: Vec<u32>| {
-        *parents = parts.into_iter().map(|part| parents[part as usize]).collect();
-    };
-    compose(&mut parents, cut_coarse(&mut finer, max_triangles));
-    compose(&mut parents, cut_at_free_paths(&mut finer, max_triangles));
+    parents = of_parts(&parents, &cut_coarse(&mut finer, max_triangles));
+    parents = of_parts(&parents, &cut_at_free_paths(&mut finer, max_triangles));
     let cut = Cut::between(scene, &finer, &parents);
     // To the last bit what later cuts of the moved scene are.
     (cut.apply(scene), cut)
@@ -43,23 +40,19 @@ pub(super) fn cut(scene: &Scene, max_triangles: usize, moves: bool) -> (Scene, C
 pub fn cut_coarse(scene: &mut Scene, max_triangles: usize) -> Vec<u32> {
     let mut parents: Vec<u32> = (0..scene.triangles.len() as u32).collect();
     loop {
-        let flooded = with_other_sides(scene, flooded(scene));
+        let mut flooded = scene.with_other_sides(flooded(scene));
+        flooded.sort_unstable();
         if flooded.is_empty() || scene.triangles.len() + 3 * flooded.len() > max_triangles {
             break;
         }
-        parents = scene.split(&flooded).into_iter().map(|parent| parents[parent as usize]).collect();
+        parents = of_parts(&parents, &scene.split(&flooded));
     }
-    scene.split_wide(WIDEST, max_triangles).into_iter().map(|part| parents[part as usize]).collect()
+    of_parts(&parents, &scene.split_wide(WIDEST, max_triangles))
 }
 
-/// Chosen triangles, each with the other side of its sheet, if it has one, ascending: the two stay alike.
-fn with_other_sides(scene: &Scene, chosen: Vec<u32>) -> Vec<u32> {
-    let other_sides = scene.other_sides();
-    let both = chosen.into_iter().flat_map(|t| [Some(t), other_sides[t as usize]]);
-    let mut both: Vec<u32> = both.flatten().collect();
-    both.sort_unstable();
-    both.dedup();
-    both
+/// The triangles that parts of parts are of. `parts`: of each new part, the former one.
+fn of_parts(parents: &[u32], parts: &[u32]) -> Vec<u32> {
+    parts.iter().map(|&part| parents[part as usize]).collect()
 }
 
 /// Cuts triangles with sides longer than the median distance of what lies before them and 3 % of the scene's diagonal: the triangle of each

@@ -98,9 +98,11 @@ const MOST_ADDED: usize = 20_000;
 pub fn resolve(scene: &Scene, options: &ResolveOptions) -> Result<Resolved, SceneError> {
     scene.validate()?;
     let given = scene.triangles.len();
-    let most = if options.cut { options.max_triangles.min(given + MOST_ADDED) } else { 0 };
     let (mut resolved, cut) = match options.cut {
-        true => mesh::cut(scene, most, options.moves == Moves::Vertices),
+        true => {
+            let most = options.max_triangles.min(given + MOST_ADDED);
+            mesh::cut(scene, most, options.moves == Moves::Vertices)
+        }
         false => (scene.clone(), Cut::none(scene)),
     };
     let count = resolved.triangles.len();
@@ -126,16 +128,17 @@ pub fn resolve(scene: &Scene, options: &ResolveOptions) -> Result<Resolved, Scen
     let (lamps, why_lamps) = match stated.lamps {
         Lamps::Auto => {
             let (_, lamps, visibility) = direct_lamps(&resolved);
-            match (options.moves, chosen(&lamps, visibility)) {
-                (Moves::Cameras | Moves::Vertices, (Lamps::Sampled, _)) if lamps.len() <= FEW_LAMPS => (
+            let chosen = chosen(&lamps, visibility);
+            match chosen.0 == Lamps::Sampled && options.moves != Moves::Nothing {
+                true if lamps.len() <= FEW_LAMPS => (
                     Lamps::Exact,
                     "positions or cameras are differentiated, of which sampled light has no derivatives",
                 ),
-                (Moves::Cameras | Moves::Vertices, (Lamps::Sampled, _)) => (
+                true => (
                     Lamps::Antiradiance,
                     "positions or cameras are differentiated, and lamps are too many for exact visibility: with all other light",
                 ),
-                (_, chosen) => chosen,
+                false => chosen,
             }
         }
         stated => (stated, "as stated"),
@@ -164,12 +167,12 @@ pub fn resolve(scene: &Scene, options: &ResolveOptions) -> Result<Resolved, Scen
 
 /// What the choice of the plan is as a setting, and why.
 fn chosen(lamps: &[Lamp], visibility: Visibility) -> (Lamps, &'static str) {
-    match (lamps.iter().all(|lamp| lamp.sun().is_some()), visibility) {
-        (true, _) if lamps.is_empty() => {
+    match visibility {
+        _ if lamps.is_empty() => {
             (Lamps::Antiradiance, "no lamp, or more than can be followed: with all other light")
         }
-        (_, Visibility::Exact) => (Lamps::Exact, "few enough outlines stand in between"),
-        (_, Visibility::Sampled) => (Lamps::Sampled, "many outlines stand in between: by rays"),
-        (_, Visibility::Distributed) => (Lamps::Sampled, "many lamps: rays are distributed over all of them"),
+        Visibility::Exact => (Lamps::Exact, "few enough outlines stand in between"),
+        Visibility::Sampled => (Lamps::Sampled, "many outlines stand in between: by rays"),
+        Visibility::Distributed => (Lamps::Sampled, "many lamps: rays are distributed over all of them"),
     }
 }

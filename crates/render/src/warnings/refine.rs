@@ -99,7 +99,7 @@ pub fn refine(
         refined.after = Warnings::with_shadows(scene, &plan(scene)?);
     }
     while refined.rounds < options.levels {
-        let mut chosen = with_other_sides(scene, asked(&refined.after));
+        let mut chosen = scene.with_other_sides(asked(&refined.after));
         let room = allowed.saturating_sub(scene.triangles.len()) / 3;
         refined.full = chosen.len() > room;
         chosen.truncate(room);
@@ -128,12 +128,4 @@ fn asked(warnings: &Warnings) -> Vec<u32> {
     let lists = CUT.map(|kind| warnings.get(kind));
     let mut seen = HashSet::new();
     lists.into_iter().flatten().flat_map(|w| &w.triangles).copied().filter(|&t| seen.insert(t)).collect()
-}
-
-/// Chosen triangles, each with the other side of its sheet, if it has one: the two stay alike.
-fn with_other_sides(scene: &Scene, chosen: Vec<u32>) -> Vec<u32> {
-    let other_sides = scene.other_sides();
-    let mut seen = HashSet::new();
-    let both = chosen.into_iter().flat_map(|t| [Some(t), other_sides[t as usize]]);
-    both.flatten().filter(|&t| seen.insert(t)).collect()
 }
