@@ -3,6 +3,7 @@
 mod support;
 
 use antirad::plan::{Occlusion, PlanOptions};
+use antirad::resolve::Cut;
 use support::{areas, backend, finish, load, mean, read_npy, relative_l2, solve, solve_within};
 
 /// Mean radiosity of a closed sphere whose faces all emit exitance 1: 1 / (1 - albedo), whatever the facets.
@@ -95,7 +96,7 @@ fn cornell_boxes_cut_where_the_boxes_stand() {
     let parents = scene.cut_along_contacts(usize::MAX);
     assert!(parents.len() > given.triangles.len() && parents.len() < given.triangles.len() + 200);
     let (_engine, solution) = solve(&backend, &scene, &scene.settings);
-    let means = scene.means_on(&parents, &areas(&given), &solution.irradiance);
+    let means = Cut::between(&given, &scene, &parents).on_given(&solution.irradiance);
     let error = relative_l2(&means, &truth, &areas(&given));
     println!("cornell_boxes, cut along contacts: relative L2 {:.3} %", 100.0 * error);
     assert!(error <= 0.005, "{error}");

@@ -4,6 +4,7 @@ mod support;
 
 use antirad::path_tracer::PathTracer;
 use antirad::plan::{Plan, PlanOptions};
+use antirad::resolve::Cut;
 use antirad::scene::{BinLayout, LoadOptions, Material, Scene, SceneBuilder, Shape, VisibilityChoice};
 use antirad::warnings::{Kind, MATTERS, RefineError, RefineOptions, Warnings, refine};
 use glam::{DAffine3, DQuat, DVec3};
@@ -250,11 +251,12 @@ fn refinement_mends_shadows_that_a_coarse_mesh_cannot_hold() {
     let backend = backend();
     let truth: Vec<DVec3> = PathTracer::new(&scene).irradiance(6000).iter().map(|e| e.mean).collect();
     let given = areas(&scene);
-    let error = |scene: &Scene, parents: &[u32]| {
-        let mut scene = scene.clone();
+    let error = |finer: &Scene, parents: &[u32]| {
+        let cut = Cut::between(&scene, finer, parents);
+        let mut scene = finer.clone();
         scene.settings = scene.settings.visibility(VisibilityChoice::Implicit);
         let (engine, solution) = solve(&backend, &scene, &scene.settings);
-        let found = scene.means_on(parents, &given, &solution.irradiance);
+        let found = cut.on_given(&solution.irradiance);
         drop((engine, solution));
         let square = |of: &dyn Fn(usize) -> f64| -> f64 { (0..given.len()).map(|t| given[t] * of(t)).sum() };
         let difference = square(&|t| (DVec3::from(found[t]) - truth[t]).length_squared());

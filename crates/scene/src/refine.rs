@@ -171,18 +171,6 @@ impl Scene {
         let longest = (0..3).max_by(order).unwrap_or(0);
         (longest, sides[longest][0])
     }
-
-    /// Area-weighted means of per-triangle values of a subdivided scene, on the triangles of the original scene.
-    ///
-    /// `parents`: per triangle, its original; `areas`: of the originals, m².
-    #[doc(hidden)]
-    pub fn means_on(&self, parents: &[u32], areas: &[f64], values: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        let mut sums = vec![DVec3::ZERO; areas.len()];
-        for (i, (&parent, &value)) in parents.iter().zip(values).enumerate() {
-            sums[parent as usize] += self.area_vector(i).length() * DVec3::from(value);
-        }
-        sums.iter().zip(areas).map(|(sum, area)| (*sum / area.max(f64::MIN_POSITIVE)).to_array()).collect()
-    }
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ use antirad_base::setters;
 use antirad_core::backend::Backend;
 use antirad_core::plan::PlanError;
 use antirad_core::{Engine, EngineError, Solution};
-use antirad_scene::{Camera, Scene, VisibilityChoice, check_target_error};
+use antirad_scene::{Camera, Cut, Scene, VisibilityChoice, check_target_error};
 use mesh::Mesh;
 use search::{Search, Tried};
 use serde::Serialize;
@@ -176,10 +176,8 @@ impl Refinement {
 pub struct Solved {
     /// The scene as it was solved: with its triangles cut, and with the settings found.
     pub scene: Scene,
-    /// Per triangle of `scene`, the index of the given triangle that it is a part of.
-    pub parents: Vec<u32>,
-    /// Areas of the given triangles, m².
-    areas: Vec<f64>,
+    /// How the given triangles were cut.
+    pub cut: Cut,
     /// The result on the triangles of `scene`.
     pub answer: Answer,
     /// The course of the search.
@@ -189,7 +187,7 @@ pub struct Solved {
 impl Solved {
     /// Averages values per triangle of the solved scene over the triangles of the given one, by area.
     pub fn on_given(&self, values: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        self.scene.means_on(&self.parents, &self.areas, values)
+        self.cut.on_given(values)
     }
 }
 
@@ -258,8 +256,9 @@ pub fn solve_within(
     }
     let met = steps[chosen].meets(options.error);
     let refinement = Refinement { error: options.error, met, why, steps, chosen };
-    let Mesh { scene, parents, .. } = mesh;
-    Ok(Solved { scene, parents, areas: search.areas, answer, refinement })
+    let Mesh { scene: finer, parents } = mesh;
+    let cut = Cut::between(scene, &finer, &parents);
+    Ok(Solved { scene: finer, cut, answer, refinement })
 }
 
 impl fmt::Display for Step {

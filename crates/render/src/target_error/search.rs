@@ -29,8 +29,8 @@ pub(super) struct Search<'a> {
     reserve: &'a dyn Fn(&Scene) -> u64,
     /// The given scene with its wide triangles cut, and all where others touch them.
     start: Mesh,
-    /// Areas of the given triangles, m².
-    pub areas: Vec<f64>,
+    /// Number of the given triangles.
+    given: usize,
 }
 
 /// What a step is made with.
@@ -111,18 +111,12 @@ impl<'a> Search<'a> {
         let parents = scene.split_wide(WIDEST, options.max_triangles);
         let touched = scene.cut_along_contacts(options.max_triangles);
         let parents = touched.into_iter().map(|part| parents[part as usize]).collect();
-        Self {
-            backend,
-            options,
-            reserve,
-            start: Mesh { scene, parents },
-            areas: (0..given.triangles.len()).map(|i| given.area_vector(i).length()).collect(),
-        }
+        Self { backend, options, reserve, start: Mesh { scene, parents }, given: given.triangles.len() }
     }
 
     /// Why the mesh is cut before the first step.
     pub fn reasons(&self) -> Vec<String> {
-        let (given, cut) = (self.areas.len(), self.start.parents.len());
+        let (given, cut) = (self.given, self.start.parents.len());
         let why = || {
             format!(
                 "wide triangles, and those that others touch, hide the shadows within them: the {given} triangles were first cut into {cut}"

@@ -8,6 +8,7 @@ use antirad::backend::Backend;
 use antirad::cli::Interrupt;
 use antirad::image::Rasterizer;
 use antirad::plan::{Plan, PlanOptions};
+use antirad::resolve::Cut;
 use antirad::scene::{Camera, Scene};
 use antirad::target_error::{Stage, TargetErrorOptions, solve_within};
 use antirad::{Engine, SolveParams};
@@ -70,7 +71,8 @@ pub fn measure(
     row.residuals = solution.info.residuals.clone();
     row.negative = solution.negative.triangles;
 
-    judge(&mut row, backend, case, scene.means_on(&parents, &case.areas, &solution.irradiance))?;
+    let cut = Cut::between(&case.scene, &scene, &parents);
+    judge(&mut row, backend, case, cut.on_given(&solution.irradiance))?;
     Ok(row)
 }
 
