@@ -23,6 +23,7 @@ __all__ = [
     "Refined",
     "Regulariser",
     "Renderer",
+    "Resolved",
     "Scene",
     "SceneError",
     "Solution",
@@ -271,6 +272,7 @@ def plan(
     backend: Backend | None = None,
     memory_budget: int | None = None,
     gradients: Sequence[_Kind] = (),
+    cut: bool = True,
 ) -> Plan: ...
 
 @final
@@ -282,9 +284,12 @@ class Engine:
         backend: Backend | None = None,
         memory_budget: int | None = None,
         gradients: Sequence[_Kind] = (),
+        cut: bool = True,
     ) -> Engine: ...
     @property
     def plan(self) -> Plan: ...
+    @property
+    def decisions(self) -> list[tuple[str, str, str]]: ...
     @property
     def backend(self) -> Backend: ...
     def solve(
@@ -429,6 +434,7 @@ class Resolved:
     def parents(self) -> NDArray[np.int64]: ...
     def on_given(self, values: ArrayLike) -> NDArray[np.float64]: ...
 
+@final
 class Refined:
     @property
     def scene(self) -> Scene: ...

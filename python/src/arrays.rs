@@ -2,7 +2,6 @@
 //! (NumPy's array interface). Arguments are copied once, into what the library keeps.
 
 use crate::errors::invalid;
-use antirad::Solution;
 use antirad::glam::DVec3;
 use pyo3::buffer::{Element, PyBuffer};
 use pyo3::prelude::*;
@@ -30,7 +29,7 @@ enum Owner {
     F64(Vec<f64>),
     I64(Vec<i64>),
     Bool(Vec<bool>),
-    Solution(Arc<Solution>),
+    Rows(Arc<Vec<[f64; 3]>>),
 }
 
 /// Types of numbers that arrays hold.
@@ -116,19 +115,14 @@ pub fn picture<T: Number>(py: Python<'_>, pixels: Vec<[T; 3]>, width: u32) -> Py
     array(py, pixels.into_flattened(), &[height, width, 3])
 }
 
-/// A part of a solution, which must not be written to.
-pub fn of_solution<'py>(
-    py: Python<'py>,
-    solution: &Arc<Solution>,
-    part: fn(&Solution) -> &Vec<[f64; 3]>,
-) -> PyResult<Array<'py>> {
-    let rows = part(solution);
+/// Values of a solution, which must not be written to.
+pub fn of_solution<'py>(py: Python<'py>, rows: &Arc<Vec<[f64; 3]>>) -> PyResult<Array<'py>> {
     let memory = Memory {
         address: rows.as_ptr().expose_provenance(),
         shape: vec![rows.len(), 3],
         kind: f64::KIND,
         writable: false,
-        _owner: Owner::Solution(solution.clone()),
+        _owner: Owner::Rows(rows.clone()),
     };
     shown_by(py, memory)
 }

@@ -4,6 +4,7 @@ use crate::arrays::{self, Array, Numbers};
 use crate::backend::{self, Backend};
 use crate::errors::{OrRaise, Raise, invalid, word};
 use crate::plan::{Plan, limited, request};
+use crate::resolved::{Decided, decided, warn_of_visibility};
 use crate::scene::{Camera, Scene};
 use crate::work::{self, Report, callback};
 use antirad::glam::DVec3;
@@ -12,12 +13,14 @@ use antirad::output::single;
 use antirad::plan::{GradientRequest, PlanOptions};
 use antirad::render::SceneGradient;
 use antirad::render::{Light, Reflections, Shading};
+use antirad::resolve::{ResolveOptions, Resolved, resolve};
 use antirad::{Cotangent, EngineError, SolveParams};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A planned scene on a backend.
+/// A planned scene on a backend: resolved as `Scene.resolved` and the command line resolve it. What it takes and returns belongs to the triangles of
+/// the given scene.
 ///
 /// Args:
 ///     scene: The scene.
@@ -26,6 +29,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///         device, they stay in host memory, with the same result.
 ///     gradients: Kinds of derivatives to plan for: "emission", "diffuse", "albedo", "specular", "power", "vertices",
 ///         "camera".
+///     cut: Whether triangles may be cut where light varies within them.
 ///
 /// Raises:
 ///     PlanError: The plan exceeds the budget; the message has the number of bytes that would do.
@@ -40,7 +44,7 @@ pub struct Engine {
 
 struct State {
     engine: antirad::Engine,
-    scene: Arc<antirad::scene::Scene>,
+    resolved: Resolved,
     /// Made with the first picture.
     rasterizer: Option<Rasterizer>,
 }
@@ -93,22 +97,25 @@ fn params(scene: &antirad::scene::Scene, tolerance: Option<f64>, max_passes: Opt
 #[pymethods]
 impl Engine {
     #[new]
-    #[pyo3(signature = (scene, *, backend=None, memory_budget=None, gradients=vec![]),
-        text_signature = "(scene, *, backend=None, memory_budget=None, gradients=())")]
+    #[pyo3(signature = (scene, *, backend=None, memory_budget=None, gradients=vec![], cut=true),
+        text_signature = "(scene, *, backend=None, memory_budget=None, gradients=(), cut=True)")]
     fn new(
         py: Python<'_>,
         scene: &Scene,
         backend: Option<&Backend>,
         memory_budget: Option<u64>,
         gradients: Vec<String>,
+        cut: bool,
     ) -> PyResult<Self> {
         let backend = backend::chosen(py, backend, scene.inner.settings.backend)?;
         let gradients = request(&gradients)?;
-        let (on, scene) = (backend.clone(), scene.inner.clone());
+        warn_of_visibility(py, &scene.inner, gradients)?;
+        let (on, given) = (backend.clone(), scene.inner.clone());
         let state = work::run(py, None, move |_| {
+            let resolved = resolve(&given, &ResolveOptions::default().cut(cut).moves(gradients.into()))?;
             let options = limited(PlanOptions::of(&on), memory_budget).gradients(gradients);
-            let engine = antirad::Engine::builder(&on, &scene).options(options).build()?;
-            Ok::<_, EngineError>(State { engine, scene, rasterizer: None })
+            let engine = antirad::Engine::builder(&on, &resolved.scene).options(options).build()?;
+            Ok::<_, EngineError>(State { engine, resolved, rasterizer: None })
         })?
         .or_raise()?;
         Ok(Self { inner: Arc::new(Mutex::new(state)), backend, gradients })
@@ -118,6 +125,12 @@ impl Engine {
     #[getter]
     fn plan(&self, py: Python<'_>) -> PyResult<Plan> {
         Ok(Plan::of(self.with(py, None, |state, _| Ok(state.engine.plan().clone()))?))
+    }
+
+    /// What the scene left open, as it was decided: (setting, value, reason) each.
+    #[getter]
+    fn decisions(&self, py: Python<'_>) -> PyResult<Vec<Decided>> {
+        self.with(py, None, |state, _| Ok(decided(&state.resolved)))
     }
 
     /// The backend that it runs on.
@@ -151,13 +164,18 @@ impl Engine {
         let progress = callback(py, progress, "solve_bar", wanted)?;
         let start = start.map(|start| start.inner.clone());
         let solution = self.with(py, progress, move |state, link| {
-            let params = params(&state.scene, tolerance, max_passes);
+            let params = params(&state.resolved.scene, tolerance, max_passes);
             let from = start.as_deref();
-            watched(&mut state.engine, link, |engine, progress| engine.solve_from(from, &params, progress))
-                .map_err(|error| error.without_best())
-                .or_raise()
+            let solution = watched(&mut state.engine, link, |engine, progress| {
+                engine.solve_from(from, &params, progress)
+            })
+            .map_err(|error| error.without_best())
+            .or_raise()?;
+            let irradiance = Arc::new(state.resolved.cut.on_given(&solution.irradiance));
+            let radiosity = Arc::new(state.resolved.cut.on_given(&solution.radiosity));
+            Ok(Solution { inner: Arc::new(solution), irradiance, radiosity })
         })?;
-        Ok(Solution { inner: Arc::new(solution) })
+        Ok(solution)
     }
 
     /// Replaces the materials by those of a scene with the same triangles. Earlier solutions can then only be a `start`.
@@ -167,8 +185,14 @@ impl Engine {
     fn set_materials(&self, py: Python<'_>, scene: &Scene) -> PyResult<()> {
         let scene = scene.inner.clone();
         self.with(py, None, move |state, _| {
+            if scene.triangles.len() != state.resolved.cut.given() {
+                return Err(invalid("the scene has other triangles than the engine's"));
+            }
+            let resolved = &mut state.resolved;
+            let scene =
+                antirad::scene::Scene { settings: resolved.scene.settings, ..resolved.cut.apply(&scene) };
             state.engine.set_materials(&scene).or_raise()?;
-            state.scene = scene;
+            resolved.scene = scene;
             Ok(())
         })
     }
@@ -186,7 +210,8 @@ impl Engine {
     ) -> PyResult<Array<'py>> {
         let solution = solution.inner.clone();
         let colours = self.with(py, None, move |state, _| {
-            state.engine.face_colours(&solution, position.into()).or_raise()
+            let colours = state.engine.face_colours(&solution, position.into()).or_raise()?;
+            Ok(state.resolved.cut.on_given(&colours))
         })?;
         arrays::rows(py, colours)
     }
@@ -220,12 +245,13 @@ impl Engine {
         let picture = self.with(py, None, move |state, _| {
             let camera = match camera {
                 Some(camera) => camera.inner,
-                None => Scene { inner: state.scene.clone() }.camera(None)?.inner,
+                None => Scene::of(state.resolved.scene.clone()).camera(None)?.inner,
             };
             let colours = single(&state.engine.face_colours(&solution, camera.position).or_raise()?);
             let cameras = std::slice::from_ref(&camera);
-            let light = (shading == Shading::Gathered)
-                .then(|| Light::new(&mut state.engine, &solution, &state.scene, cameras, reflections));
+            let light = (shading == Shading::Gathered).then(|| {
+                Light::new(&mut state.engine, &solution, &state.resolved.scene, cameras, reflections)
+            });
             let light = light.transpose().or_raise()?;
             let rasterizer = match state.rasterizer.take() {
                 Some(rasterizer) => rasterizer,
@@ -234,9 +260,9 @@ impl Engine {
             let rasterizer = state.rasterizer.insert(rasterizer);
             let picture = match light {
                 Some(light) => rasterizer
-                    .coverage(&state.scene, &camera, supersample)
+                    .coverage(&state.resolved.scene, &camera, supersample)
                     .and_then(|coverage| light.picture(0, &coverage)),
-                None => rasterizer.render(&state.scene, &camera, &colours, &options),
+                None => rasterizer.render(&state.resolved.scene, &camera, &colours, &options),
             };
             picture.or_raise()
         })?;
@@ -277,26 +303,29 @@ impl Engine {
         max_passes: Option<u32>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Gradients> {
-        let count = Some(solution.inner.irradiance.len());
+        let count = Some(solution.irradiance.len());
         let rows = |what, values: Option<Numbers>| {
             values.map(|values| arrays::vectors(what, &values, count)).transpose()
         };
-        let mut cotangent = Cotangent::default()
-            .irradiance(rows("irradiance", irradiance)?)
-            .radiosity(rows("radiosity", radiosity)?);
-        for (position, values) in colours {
-            cotangent.colours.push((position.into(), arrays::vectors("colours", &values, count)?));
-        }
+        let (irradiance, radiosity) = (rows("irradiance", irradiance)?, rows("radiosity", radiosity)?);
+        let colours = colours.into_iter().map(|(position, values)| {
+            PyResult::Ok((DVec3::from(position), arrays::vectors("colours", &values, count)?))
+        });
+        let colours = colours.collect::<PyResult<Vec<_>>>()?;
         let progress = callback(py, progress, "solve_bar", tolerance.unwrap_or(1e-4))?;
         let (solution, request) = (solution.inner.clone(), self.gradients);
         let gradients = self.with(py, progress, move |state, link| {
-            let params = params(&state.scene, tolerance, max_passes);
-            watched(&mut state.engine, link, |engine, progress| {
+            let params = params(&state.resolved.scene, tolerance, max_passes);
+            let on_parts = |by: Vec<DVec3>| state.resolved.cut.on_parts(&by);
+            let mut cotangent =
+                Cotangent::default().irradiance(irradiance.map(on_parts)).radiosity(radiosity.map(on_parts));
+            cotangent.colours.extend(colours.into_iter().map(|(position, by)| (position, on_parts(by))));
+            let gradients = watched(&mut state.engine, link, |engine, progress| {
                 engine.backward_with(&solution, &cotangent, request, &params, progress)
-            })
-            .map_err(Raise::raise)
+            });
+            Ok(SceneGradient::from(gradients.map_err(Raise::raise)?).by_given(&state.resolved.cut))
         })?;
-        Gradients::of(py, gradients.into(), &[])
+        Gradients::of(py, gradients, &[])
     }
 }
 
@@ -304,20 +333,23 @@ impl Engine {
 #[pyclass(frozen, module = "antirad")]
 pub struct Solution {
     inner: Arc<antirad::Solution>,
+    /// Means over the given triangles.
+    irradiance: Arc<Vec<[f64; 3]>>,
+    radiosity: Arc<Vec<[f64; 3]>>,
 }
 
 #[pymethods]
 impl Solution {
-    /// Irradiance of the front of each triangle, float64 (T, 3), W/m². Not to be written to.
+    /// Irradiance of the front of each triangle, its mean over it, float64 (T, 3), W/m². Not to be written to.
     #[getter]
     fn irradiance<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        arrays::of_solution(py, &self.inner, |solution| &solution.irradiance)
+        arrays::of_solution(py, &self.irradiance)
     }
 
     /// Emitted and reflected power per area of each triangle, float64 (T, 3), W/m². Not to be written to.
     #[getter]
     fn radiosity<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
-        arrays::of_solution(py, &self.inner, |solution| &solution.radiosity)
+        arrays::of_solution(py, &self.radiosity)
     }
 
     /// Passes (applications of the transport) that the solve took.

@@ -4,6 +4,7 @@ use crate::arrays::{self, Array, Numbers, Triple};
 use crate::backend::{self, Backend};
 use crate::errors::{OrRaise, Raise, exceptions, invalid, word};
 use crate::plan::from_json;
+use crate::resolved::warn_of_visibility;
 use crate::scene::{Camera, Scene};
 use crate::work::{self, Report, callback, record_dict};
 use antirad::fit::{
@@ -396,7 +397,9 @@ fn run(
     progress: Option<Bound<'_, PyAny>>,
     mut warnings: Vec<String>,
 ) -> PyResult<FitResult> {
-    let choice = job.problem().parameters.base().settings.backend;
+    let parameters = &job.problem().parameters;
+    warn_of_visibility(py, parameters.base(), parameters.gradient_request())?;
+    let choice = parameters.base().settings.backend;
     let backend = backend::chosen(py, backend, choice)?;
     let progress = callback(py, progress, "fit_bar", options.stop.iterations)?;
     let on_checkpoint = if resume { OnCheckpoint::Resume } else { OnCheckpoint::Refuse };

@@ -6,6 +6,7 @@ use crate::scene::Scene;
 use crate::work;
 use antirad::backend::BackendChoice;
 use antirad::plan::{self, GradientRequest, PlanOptions};
+use antirad::resolve::{ResolveOptions, resolve};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::Arc;
@@ -37,7 +38,7 @@ pub fn request(kinds: &[String]) -> PyResult<GradientRequest> {
     })
 }
 
-/// Plans a solve of a scene.
+/// Plans a solve of a scene, resolved as by `Engine`.
 ///
 /// Args:
 ///     scene: The scene.
@@ -46,28 +47,35 @@ pub fn request(kinds: &[String]) -> PyResult<GradientRequest> {
 ///     memory_budget: Bytes that all of it may take, at most.
 ///     gradients: Kinds of derivatives to plan for: "emission", "diffuse", "albedo", "specular", "power", "vertices",
 ///         "camera".
+///     cut: Whether triangles may be cut where light varies within them.
 ///
 /// Raises:
 ///     PlanError: The plan exceeds the budget; the message has the number of bytes that would do.
 ///     SceneError: The scene is invalid.
 #[pyfunction(name = "plan")]
-#[pyo3(signature = (scene, *, backend=None, memory_budget=None, gradients=vec![]),
-    text_signature = "(scene, *, backend=None, memory_budget=None, gradients=())")]
+#[pyo3(signature = (scene, *, backend=None, memory_budget=None, gradients=vec![], cut=true),
+    text_signature = "(scene, *, backend=None, memory_budget=None, gradients=(), cut=True)")]
 pub fn plan_(
     py: Python<'_>,
     scene: &Scene,
     backend: Option<&Backend>,
     memory_budget: Option<u64>,
     gradients: Vec<String>,
+    cut: bool,
 ) -> PyResult<Plan> {
+    let gradients = request(&gradients)?;
     let options = match (backend, scene.inner.settings.backend) {
         (Some(backend), _) => PlanOptions::of(&backend.inner),
         (None, BackendChoice::Vulkan) => PlanOptions::lavapipe(),
         (None, _) => PlanOptions::default(),
     };
-    let options = limited(options, memory_budget).gradients(request(&gradients)?);
-    let scene = scene.inner.clone();
-    let made = work::run(py, None, move |_| plan::Plan::new(&scene, &options, &scene.settings))?;
+    let options = limited(options, memory_budget).gradients(gradients);
+    let (scene, resolving) =
+        (scene.inner.clone(), ResolveOptions::default().cut(cut).moves(gradients.into()));
+    let made = work::run(py, None, move |_| {
+        let scene = resolve(&scene, &resolving)?.scene;
+        plan::Plan::new(&scene, &options, &scene.settings)
+    })?;
     Ok(Plan { inner: Arc::new(made.or_raise()?) })
 }
 

@@ -5,6 +5,7 @@ use crate::backend::{self, Backend};
 use crate::engine::{Gradients, check_supersample};
 use crate::errors::{OrRaise, Raise, invalid, word};
 use crate::plan::request;
+use crate::resolved::warn_of_visibility;
 use crate::scene::{Scene, Values};
 use crate::textures::{Size, Textures};
 use crate::work;
@@ -161,6 +162,7 @@ impl Renderer {
         let textures = Textures::new(&scene.inner, &textures)?;
         let paintings = textures.paintings();
         let gradients = request(&gradients)?;
+        warn_of_visibility(py, &scene.inner, gradients)?;
         // Derivatives by texels are made of those by albedo.
         let gradients = gradients.albedo(gradients.albedo || !paintings.is_empty());
         let backend = backend::chosen(py, backend, scene.inner.settings.backend)?;

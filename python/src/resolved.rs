@@ -4,7 +4,10 @@ use crate::arrays::{self, Array, Numbers};
 use crate::errors::OrRaise;
 use crate::scene::Scene;
 use crate::work;
+use antirad::plan::GradientRequest;
 use antirad::resolve::{self, ResolveOptions};
+use antirad::scene::VisibilityChoice;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
 /// A scene with nothing left to decide: what `Scene.resolved` returns.
@@ -23,9 +26,8 @@ impl Resolved {
 
     /// What was decided: (setting, value, reason) each.
     #[getter]
-    fn decisions(&self) -> Vec<(&'static str, String, String)> {
-        let decisions = self.inner.decisions.iter();
-        decisions.map(|of| (of.setting, of.value.clone(), of.why.clone())).collect()
+    fn decisions(&self) -> Vec<Decided> {
+        decided(&self.inner)
     }
 
     /// Per triangle of `scene`, the index of the given one that it is a part of, int64.
@@ -47,6 +49,28 @@ impl Resolved {
         let lines: Vec<String> = self.inner.decisions.iter().map(ToString::to_string).collect();
         lines.join("\n")
     }
+}
+
+/// (setting, value, reason)
+pub type Decided = (&'static str, String, String);
+
+pub fn decided(resolved: &resolve::Resolved) -> Vec<Decided> {
+    resolved.decisions.iter().map(|of| (of.setting, of.value.clone(), of.why.clone())).collect()
+}
+
+/// Says it where derivatives by positions make visibility another one than the scene states.
+pub fn warn_of_visibility(
+    py: Python<'_>,
+    scene: &antirad::scene::Scene,
+    gradients: GradientRequest,
+) -> PyResult<()> {
+    if gradients.positions && scene.settings.visibility == VisibilityChoice::Explicit {
+        let category = py.get_type::<PyUserWarning>();
+        let message =
+            c"positions are differentiated, of which rays have no derivatives yet: visibility is implicit";
+        PyErr::warn(py, &category, message, 1)?;
+    }
+    Ok(())
 }
 
 /// Resolves a scene. `cut`: whether its triangles may be cut.

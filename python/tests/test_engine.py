@@ -111,7 +111,7 @@ def test_a_solve_that_does_not_converge_is_an_error():
 
 
 def test_backward_agrees_with_differences():
-    scene = exact(room())
+    scene = exact(room()).with_settings(visibility="implicit")
     engine = antirad.Engine(scene, gradients=["emission", "albedo", "diffuse", "vertices"])
     solution = engine.solve()
     weights = np.random.default_rng(2).random(solution.irradiance.shape)

@@ -27,8 +27,9 @@ def scene():
     return scene.replace(specular=np.full((3, 3), 0.05), power=[2.0, 8.0, 1.0])
 
 
-@pytest.mark.parametrize("kinds", [("emission",), ("albedo", "diffuse"), ("specular", "power")])
-def test_check_grads(scene, kinds):
+def test_check_grads(scene):
+    kinds = ("emission", "albedo", "specular", "diffuse", "power")
+
     def render(*values):
         return antirad.jax.render(scene, **dict(zip(kinds, values, strict=True)))
 

@@ -144,7 +144,7 @@ def test_every_error_is_an_antirad_error():
 
 
 def test_check_and_refine():
-    scene = antirad.Scene.load(SCENES / "cornell_boxes.toml")
+    scene = antirad.Scene.load(SCENES / "cornell_boxes.toml").with_settings(visibility="implicit")
     (warning,) = [w for w in antirad.check(scene) if w.kind == "coarse blockers"]
     assert len(warning.triangles) == 66 and warning.worst[0]["triangle"] == warning.triangles[0]
     assert "remedy" in str(warning) and 0 < warning.effect < 0.05

@@ -20,8 +20,8 @@ def scene():
     return scene.replace(specular=np.full((3, 3), 0.05), power=[2.0, 8.0, 1.0])
 
 
-@pytest.mark.parametrize("kinds", [("emission",), ("albedo", "diffuse"), ("specular", "power")])
-def test_gradcheck(scene, kinds):
+def test_gradcheck(scene):
+    kinds = ("emission", "albedo", "diffuse", "specular", "power")
     values = [tensor(getattr(scene, kind)) for kind in kinds]
 
     def render(*values):

@@ -4,7 +4,7 @@ use super::renderer::{CostEstimate, OwnSquares, RenderError, Renderer};
 use antirad_base::{Watch, parallel};
 use antirad_core::backend::Backend;
 use antirad_core::plan::{GradientRequest, Plan, PlanError, PlanOptions};
-use antirad_core::resolve::{Moves, ResolveOptions, Resolved, resolve};
+use antirad_core::resolve::{ResolveOptions, Resolved, resolve};
 use antirad_core::{Engine, EngineError, Solution, SolveParams};
 use antirad_render::image::{Coverage, FaceInPixel, ImageError, PictureOptions, Rasterizer, View};
 use antirad_render::render::{self, PictureError, PullBack, RenderOptions, SceneGradient, SeenPixels, Shown};
@@ -84,14 +84,9 @@ impl EngineRenderer {
         watch: Watch,
     ) -> Result<Self, ImageError> {
         let backend = backend.into();
-        let moves = match request {
-            GradientRequest { positions: true, .. } => Moves::Vertices,
-            GradientRequest { camera: true, .. } => Moves::Cameras,
-            _ => Moves::Nothing,
-        };
         let stated = planning.settings;
         let Resolved { scene: planning, cut, decisions } =
-            resolve(&planning, &ResolveOptions::default().moves(moves)).map_err(ImageError::from)?;
+            resolve(&planning, &ResolveOptions::default().moves(request.into())).map_err(ImageError::from)?;
         if planning.settings.visibility != stated.visibility {
             let why = decisions.iter().filter(|decision| decision.setting == "visibility");
             why.for_each(|decision| tracing::warn!("visibility is {}: {}", decision.value, decision.why));
@@ -401,7 +396,7 @@ impl Renderer for EngineRenderer {
             PictureError::Image(error) => failed(error),
             error => failed(error),
         })?;
-        Ok(Some(by_given(&self.cut, pulled)))
+        Ok(Some(pulled.by_given(&self.cut)))
     }
 
     fn own_squares(&mut self, weights: &[Vec<DVec3>]) -> Option<OwnSquares> {
@@ -455,21 +450,6 @@ impl Renderer for EngineRenderer {
 
     fn passes(&self) -> u64 {
         self.passes
-    }
-}
-
-/// Derivatives by what belongs to the given triangles and vertices, from those by what belongs to parts.
-fn by_given(cut: &Cut, by_parts: SceneGradient) -> SceneGradient {
-    let rgb = |by: Option<Vec<DVec3>>| by.map(|by| cut.sums(&by));
-    let number = |by: Option<Vec<f64>>| by.map(|by| cut.sums(&by));
-    SceneGradient {
-        emission: rgb(by_parts.emission),
-        diffuse: number(by_parts.diffuse),
-        albedo: rgb(by_parts.albedo),
-        specular: rgb(by_parts.specular),
-        power: number(by_parts.power),
-        positions: by_parts.positions.map(|by| cut.by_given_vertices(&by)),
-        ..by_parts
     }
 }
 

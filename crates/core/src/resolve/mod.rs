@@ -4,7 +4,7 @@ mod flooded;
 mod mesh;
 
 use crate::direct::{FEW_LAMPS, Lamp, Visibility};
-use crate::plan::direct_lamps;
+use crate::plan::{GradientRequest, direct_lamps};
 use antirad_base::setters;
 use antirad_scene::{Cut, Lamps, Scene, SceneError, VisibilityChoice};
 use serde::Serialize;
@@ -35,6 +35,16 @@ pub enum Moves {
     Cameras,
     /// Vertices.
     Vertices,
+}
+
+impl From<GradientRequest> for Moves {
+    fn from(request: GradientRequest) -> Self {
+        match request {
+            GradientRequest { positions: true, .. } => Self::Vertices,
+            GradientRequest { camera: true, .. } => Self::Cameras,
+            _ => Self::Nothing,
+        }
+    }
 }
 
 setters!(ResolveOptions { cut: bool, max_triangles: usize, moves: Moves });

@@ -421,7 +421,12 @@ impl Parameters {
                         material.specular[1] *= 0.9;
                     }
                     Quantity::Albedo => material.albedo[1] = 0.9 * material.albedo[1] + 1e-6,
-                    Quantity::Emission => material.emission[1] = 0.9 * material.emission[1] + 1e-6,
+                    // Rays are as many as the light of this scene asks for. Where nothing is known of it, materials emit differently,
+                    // distributed exponentially: of uniform light few rays tell all.
+                    Quantity::Emission => {
+                        let share = ((f64::from(m) + 0.5) * std::f64::consts::GOLDEN_RATIO).fract();
+                        material.emission[1] = 0.9 * material.emission[1] - 1e-6 * (1.0 - share).ln();
+                    }
                     Quantity::Diffuse | Quantity::Power | Quantity::Position | Quantity::Camera => {}
                 }
             }

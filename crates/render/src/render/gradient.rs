@@ -3,7 +3,7 @@
 use crate::image::CameraGradient;
 use antirad_core::Gradients;
 use antirad_core::plan::GradientRequest;
-use antirad_scene::Scene;
+use antirad_scene::{Cut, Scene};
 use glam::DVec3;
 
 /// A quantity that can be fitted and differentiated by.
@@ -103,6 +103,21 @@ impl SceneGradient {
             positions: request.positions.then(|| vec![DVec3::ZERO; scene.vertices.len()]),
             cameras: None,
             texels: None,
+        }
+    }
+
+    /// The derivatives by what belongs to the given triangles and vertices of a cut scene, from these, by what belongs to its parts.
+    pub fn by_given(self, cut: &Cut) -> Self {
+        let rgb = |by: Option<Vec<DVec3>>| by.map(|by| cut.sums(&by));
+        let scalar = |by: Option<Vec<f64>>| by.map(|by| cut.sums(&by));
+        Self {
+            emission: rgb(self.emission),
+            diffuse: scalar(self.diffuse),
+            albedo: rgb(self.albedo),
+            specular: rgb(self.specular),
+            power: scalar(self.power),
+            positions: self.positions.map(|by| cut.by_given_vertices(&by)),
+            ..self
         }
     }
 
