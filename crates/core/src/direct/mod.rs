@@ -570,9 +570,9 @@ impl DirectLight {
         Ok(gradients)
     }
 
-    /// Whether shadows are exact, and some as sharp as those of suns.
+    /// Whether some shadows are as sharp as those of suns.
     pub fn has_sharp_shadows(&self) -> bool {
-        self.visibility() == Visibility::Exact && self.lamps.iter().any(|lamp| lamp.sun().is_some())
+        self.many.is_none() && self.lamps.iter().any(|lamp| lamp.sun().is_some())
     }
 
     /// The share of each sun that is seen from points of one triangle; `None` of suns that the triangle does not face.

@@ -11,8 +11,6 @@ use std::sync::Arc;
 /// CPU, and a second.
 const TESTS_PER_PAIR: f64 = 16.0;
 const FEW_TESTS: f64 = 2e7;
-/// As many partners of a triangle take as long as the rays of explicit visibility.
-const BY_RAYS: usize = 500;
 /// Lamps up to which direct light comes by rays unless stated, and numbers to hold: of each triangle and lamp, for glossy ones of each bin.
 const MOST_SAMPLED: usize = 20_000;
 const MOST_HELD: usize = 100_000_000;
@@ -43,18 +41,14 @@ pub(crate) struct Chosen {
     pub(crate) emitters: usize,
 }
 
-/// Chooses the lamps of a scene whose direct light is computed separately from U, by geometry and settings alone: exact visibility where that
-/// takes about as long as the solve, rays elsewhere.
+/// Chooses the lamps of a scene whose direct light is computed separately from U, by geometry and settings alone. Where other light comes by rays,
+/// so does visibility of lamps where much stands in between; by antiradiance, where exact visibility would take longer than the solve.
 pub(super) fn choose(scene: &Scene, facets: &[Facet], settings: &SolveSettings) -> Chosen {
     let lamps = lamps(scene, facets, coplanar_tolerance(facets));
     let emitters = lamps.len();
     let all = facets.len();
-    let summed = match settings.visibility {
-        VisibilityChoice::Explicit => all.min(BY_RAYS),
-        VisibilityChoice::Implicit => all,
-    };
-    let affordable = |lamps: &[Lamp], others: usize| {
-        let pairs = all as f64 * others as f64;
+    let affordable = |lamps: &[Lamp]| {
+        let pairs = all as f64 * all as f64;
         lamps.len() <= FEW_LAMPS
             && DirectLight::takes_at_most(facets, lamps, TESTS_PER_PAIR * pairs + FEW_TESTS)
     };
@@ -72,11 +66,11 @@ pub(super) fn choose(scene: &Scene, facets: &[Facet], settings: &SolveSettings) 
         (possible && worthwhile).then(|| by_rays(lamps))
     };
     let auto = |lamps: &[Lamp]| {
-        if lamps.is_empty() || affordable(lamps, summed) {
+        let rays = settings.visibility == VisibilityChoice::Explicit;
+        if lamps.is_empty() || (!rays && affordable(lamps)) {
             return Some(Visibility::Exact);
         }
-        let slowly = || (summed < all && affordable(lamps, all)).then_some(Visibility::Exact);
-        sampled(lamps).or_else(slowly)
+        sampled(lamps)
     };
     let visibility = match settings.lamps {
         Lamps::Exact => Some(Visibility::Exact),
