@@ -8,6 +8,7 @@
 mod blockers;
 mod cone;
 mod derivative;
+mod guide;
 mod highlight;
 mod lamps;
 mod lobes;
@@ -41,12 +42,13 @@ use antirad_scene::Material;
 use blockers::Blockers;
 use derivative::{Contributions, Sight};
 use glam::{DVec2, DVec3};
+use guide::{Guides, Mask, Open};
 use highlight::Lobe;
 use many_lights::{Arrival, ManyLights, by_lamp};
 use quadrature::Cuts;
 pub use quadrature::{POINTS, Sample};
 use rays::{Lit, Tracing};
-use sampling::{FEW, Origin, Share};
+use sampling::{FEW, Share};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -104,6 +106,8 @@ pub struct DirectLight {
     factors: Vec<Vec<Factor>>,
     /// How receivers with a penumbra are cut into cells, by receiver and lamp.
     cuts: BTreeMap<[usize; 2], Cuts>,
+    /// Where rays from points go.
+    guides: Arc<Guides>,
 }
 
 impl DirectLight {
@@ -168,7 +172,9 @@ impl DirectLight {
             for &receiver in receivers {
                 let dark = || (Share::NOTHING, Cuts::default());
                 let of_lamp = |l: usize| {
-                    of_pairs.next_if(|(pair, _)| **pair == [receiver, l]).map_or_else(dark, |(_, mean)| mean)
+                    let of_pair = of_pairs.next_if(|(pair, _)| **pair == [receiver, l]);
+                    let (share, cuts) = of_pair.map_or_else(dark, |(_, mean)| mean);
+                    (share, cuts, Mask::default())
                 };
                 found.push((0..placed.len()).map(of_lamp).collect());
             }
@@ -176,7 +182,7 @@ impl DirectLight {
         let found = ranks.merged(facets.len(), found)?;
         drop(placed);
         let Self { blockers, sampling, lamps, .. } = unlit;
-        let light = Self::of_found(ranks.clone(), found, blockers, (sampling, open), lamps);
+        let light = Self::of_found(ranks.clone(), facets, found, blockers, (sampling, open), lamps);
         Ok(Self { tracing: Some(tracing), ..light })
     }
 
@@ -252,6 +258,7 @@ impl DirectLight {
             receivers: 0,
             factors: Vec::new(),
             cuts: BTreeMap::new(),
+            guides: Arc::default(),
         }
     }
 
@@ -304,7 +311,7 @@ impl DirectLight {
             let Facet { corners, normal, .. } = facets[receiver];
             let faced = placed.iter().enumerate().filter(|(_, lamp)| geometry.faces(receiver, lamp));
             for lamp in faced.take_while(|_| !too_much()) {
-                let between = Between::triangle(geometry, None, (receiver, None), lamp);
+                let (between, _) = Between::triangle(geometry, None, (receiver, None), lamp);
                 quadrature::mean(usual[lamp.0], between.least_cuts(), None, &mut |b: DVec3| {
                     if too_much() {
                         return 0.0;
@@ -362,14 +369,15 @@ impl DirectLight {
         let geometry = Geometry { facets, blockers: &blockers };
         let placed: Vec<Placed> = lamps.iter().map(|lamp| geometry.place(lamp)).collect();
         let usual = usual(facets, &lamps);
-        let of_receiver = |visible: &mut Visible, receiver: usize| -> Vec<(Share, Cuts)> {
+        let of_receiver = |visible: &mut Visible, receiver: usize| -> Vec<Found> {
             let Facet { corners, normal, .. } = facets[receiver];
             let of_lamp = |(l, lamp): (usize, &Placed)| {
                 if !geometry.faces(receiver, lamp) {
-                    return (Share::NOTHING, Cuts::default());
+                    return (Share::NOTHING, Cuts::default(), Mask::default());
                 }
                 let parts = open.of(receiver);
-                let between = Between::triangle(geometry, sampling.as_ref(), (receiver, parts), (l, lamp));
+                let (between, mask) =
+                    Between::triangle(geometry, sampling.as_ref(), (receiver, parts), (l, lamp));
                 let mut irradiance =
                     |b: DVec3| between.sight(at(corners, b), None).vector_irradiance(visible).dot(normal);
                 let (value, cuts) = match cuts {
@@ -380,35 +388,41 @@ impl DirectLight {
                         (samples.iter().map(|s| s.weight * irradiance(s.barycentric)).sum(), cuts)
                     }
                 };
-                (Share { value, error: value * between.relative_error() }, cuts)
+                (Share { value, error: value * between.relative_error() }, cuts, mask)
             };
             placed.iter().enumerate().map(of_lamp).collect()
         };
         let found = ranks.map_init(facets.len(), Visible::default, of_receiver)?;
         drop(placed);
-        Ok(Self::of_found(ranks, found, blockers, (sampling, open), lamps))
+        Ok(Self::of_found(ranks, facets, found, blockers, (sampling, open), lamps))
     }
 
     /// `found`: the light of each lamp on each receiver.
     fn of_found(
         ranks: Ranks,
-        found: Vec<Vec<(Share, Cuts)>>,
+        facets: &[Facet],
+        found: Vec<Vec<Found>>,
         blockers: Blockers,
         (sampling, open): (Option<Sampling>, Arc<Openness>),
         lamps: Vec<Lamp>,
     ) -> Self {
         let receivers = found.len();
         let mut factors = Vec::with_capacity(receivers);
+        let masks = found.iter().enumerate().flat_map(|(receiver, of_lamps)| {
+            of_lamps.iter().enumerate().map(move |(lamp, (.., mask))| (receiver, lamp, mask))
+        });
+        let guides =
+            Arc::new(if sampling.is_some() { Guides::new(facets, masks) } else { Guides::default() });
         let mut cuts = BTreeMap::new();
         for (receiver, of_lamps) in found.into_iter().enumerate() {
-            let factor = |(lamp, (Share { value, error }, _)): (u32, &(Share, Cuts))| {
+            let factor = |(lamp, (Share { value, error }, ..)): (u32, &Found)| {
                 (*value != 0.0).then_some(Factor { lamp, error: *error as f32, value: *value })
             };
             factors.push((0..).zip(&of_lamps).filter_map(factor).collect());
-            let in_parts = of_lamps.into_iter().enumerate().filter(|(_, (_, cuts))| !cuts.is_whole());
-            cuts.extend(in_parts.map(|(l, (_, cuts))| ([receiver, l], cuts)));
+            let in_parts = of_lamps.into_iter().enumerate().filter(|(_, (_, cuts, _))| !cuts.is_whole());
+            cuts.extend(in_parts.map(|(l, (_, cuts, _))| ([receiver, l], cuts)));
         }
-        Self { ranks, open, receivers, sampling, factors, cuts, ..Self::among(blockers, lamps) }
+        Self { ranks, open, receivers, sampling, factors, cuts, guides, ..Self::among(blockers, lamps) }
     }
 
     /// The ranks that compute the light together.
@@ -749,12 +763,15 @@ impl DirectLight {
     ) {
         let geometry = self.geometry(facets);
         let visible = &mut Visible::default();
+        let aims = |rays: &Sampling| rays.aims(&facets[face], |l| self.guides.open(face, l));
+        let aims = self.sampling.as_ref().map(aims).unwrap_or_default();
         for (l, lamp) in self.lamp_by_lamp().enumerate() {
             let lamp = &geometry.place(lamp);
             if !geometry.faces(face, lamp) {
                 continue;
             }
             let between = Between::points(geometry, self.sampling.as_ref(), face, points, (l, lamp));
+            let between = Between { aim: aims.get(l).copied().unwrap_or(between.aim), ..between };
             if !wanted(&between) {
                 continue;
             }
@@ -857,7 +874,7 @@ impl DirectLight {
         receiver: usize,
         lamp: (usize, &'a Placed<'a>),
     ) -> Between<'a> {
-        Between::triangle(geometry, self.sampling.as_ref(), (receiver, self.open.of(receiver)), lamp)
+        Between::triangle(geometry, self.sampling.as_ref(), (receiver, self.open.of(receiver)), lamp).0
     }
 
     fn pull_back_to(&self, between: &Between, visible: &mut Visible, weight: f64, to: &mut Contributions) {
@@ -905,7 +922,12 @@ struct Between<'a> {
     sampling: Option<&'a Sampling>,
     /// Share of the lamp that the whole triangle sees, by rays.
     share: Share,
+    /// Where rays from points go, and their number.
+    aim: (Open, u32),
 }
+
+/// The light of a lamp on a triangle, how that is cut into cells for it, and from where it arrives by rays.
+type Found = (Share, Cuts, Mask);
 
 impl<'a> Between<'a> {
     /// What stands between a lamp and some points of a triangle.
@@ -919,25 +941,26 @@ impl<'a> Between<'a> {
         let most = sampling.map(|_| FEW);
         let blockers = geometry.between(points, geometry.facets[receiver].normal, lamp.1, most);
         let sampling = sampling.filter(|_| blockers.is_none());
-        Self { geometry, receiver, lamp, blockers: blockers.unwrap_or_default(), sampling, share: Share::ALL }
+        let blockers = blockers.unwrap_or_default();
+        Self { geometry, receiver, lamp, blockers, sampling, share: Share::ALL, aim: (Open::ALL, 0) }
     }
 
     /// What stands between a lamp and all of a triangle: one share counts everywhere. `parts`: the weights of the parts
-    /// of that.
+    /// of that. With where rays from there arrive.
     fn triangle(
         geometry: Geometry<'a>,
         sampling: Option<&'a Sampling>,
         (receiver, parts): (usize, Option<&Parts>),
         lamp: (usize, &'a Placed<'a>),
-    ) -> Self {
+    ) -> (Self, Mask) {
         let Facet { corners, normal, centroid, .. } = geometry.facets[receiver];
         let between = Self::points(geometry, sampling, receiver, &corners, lamp);
         let of = |rays: &Sampling| {
             let seen = geometry.seen_from(lamp.1, centroid);
-            rays.share(receiver, Origin::Triangle(corners, parts), normal, (lamp.0, &seen), None)
+            rays.of_triangle(receiver, (corners, parts), normal, (lamp.0, &seen))
         };
-        let share = between.sampling.map_or(Share::ALL, of);
-        Self { share, sampling: None, ..between }
+        let (share, mask) = between.sampling.map_or((Share::ALL, Mask::default()), of);
+        (Self { share, sampling: None, ..between }, mask)
     }
 
     /// Whether the lamp, or a polygon in between, has a triangle that moves.
@@ -951,11 +974,11 @@ impl<'a> Between<'a> {
     /// The sight of the lamp from a point, for light that falls on it, or with `lobe`, that is reflected
     /// there.
     fn sight(&self, point: DVec3, lobe: Option<&Lobe>) -> Sight<'_> {
-        let &Self { geometry, receiver, lamp: (number, lamp), ref blockers, sampling, share } = self;
+        let &Self { geometry, receiver, lamp: (number, lamp), ref blockers, sampling, share, aim } = self;
         let normal = geometry.facets[receiver].normal;
         let lamp = geometry.seen_from(lamp, point);
-        let of = |rays: &Sampling| rays.share(receiver, Origin::Point(point), normal, (number, &lamp), lobe);
-        let share = sampling.map_or(share, of).value;
+        let of = |rays: &Sampling| rays.of_point(receiver, point, normal, (number, &lamp), lobe, aim);
+        let share = sampling.map_or(share.value, of);
         Sight { geometry, point, normal, lamp, blockers, share }
     }
 

@@ -3,6 +3,7 @@
 //! What a point would see of the lamp without blockers stays exact; rays only tell how much of it they block. So the light of points
 //! that see all of a lamp, or nothing, has no noise, and the same point always gets the same rays.
 
+use super::guide::{CELLS, Mask, Open, middle};
 use super::highlight::Lobe;
 use super::lamps::Lamp;
 use super::openness::Parts;
@@ -24,7 +25,10 @@ pub const FEW: usize = 4;
 /// Rays of a triangle or a point to all lamps together, about, and to each at most.
 const TO_ALL: f64 = 256.0;
 const TO_EACH: f64 = 128.0;
-
+/// Rays of a point to a lamp of which something may be open, at least.
+const LEAST: f64 = 4.0;
+/// How many times more there are where little of lamps is open, at most.
+const MORE: f64 = 4.0;
 /// Steps of a sequence that fills the unit square evenly, in units of 2^-32: powers of the inverse of the real root of x³ = x + 1
 /// (M. Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
 pub const STEPS: [u32; 2] = [3_242_174_889, 2_447_445_414];
@@ -168,57 +172,127 @@ impl Sampling {
         count: u32,
         own: impl Fn(usize) -> bool,
     ) -> Sums {
-        self.sums(Origin::Point(point), normal, lamp, count, None, own)
+        self.sums(Origin::Point(point), normal, (lamp, Open::ALL), count, None, &own, &mut |_, _| ())
     }
 
-    /// The share of the irradiance of the lamp with a number that arrives at a triangle or a point of it, or of what a lobe there reflects of it.
-    pub(super) fn share(
+    /// The share of the irradiance of a lamp that arrives at a triangle, and from where. `lamp`: its number, and as the triangle sees it; `parts`:
+    /// the weights of the parts of the triangle.
+    pub(super) fn of_triangle(
         &self,
         receiver: usize,
-        from: Origin<'_>,
+        (corners, parts): ([DVec3; 3], Option<&Parts>),
+        normal: DVec3,
+        (number, lamp): (usize, &Placed),
+    ) -> (Share, Mask) {
+        let own = |i: usize| i == receiver || lamp.lamp.passes(i as u32);
+        let mut mask = Mask::default();
+        let each = &mut |place, arrives| mask.add(place, arrives);
+        let (from, count) = (Origin::Triangle(corners, parts), self.counts[number]);
+        let sums = self.sums(from, normal, (number, Open::ALL), count, None, &own, each);
+        (sums.share(count, 4.0).unwrap_or(Share::NOTHING), mask)
+    }
+
+    /// The share of the irradiance of a lamp that arrives at a point of a triangle, or of what a lobe there reflects of it. `aim`: where rays go,
+    /// and their number.
+    pub(super) fn of_point(
+        &self,
+        receiver: usize,
+        point: DVec3,
         normal: DVec3,
         (number, lamp): (usize, &Placed),
         lobe: Option<&Lobe>,
-    ) -> Share {
+        (open, count): (Open, u32),
+    ) -> f64 {
+        if open.is_empty() {
+            return 0.0;
+        }
         let own = |i: usize| i == receiver || lamp.lamp.passes(i as u32);
-        let sums = |lobe| self.sums(from, normal, number, self.counts[number], lobe, own);
-        let dimensions = if let Origin::Point(_) = from { 2.0 } else { 4.0 };
-        let share = |lobe| sums(lobe).share(self.counts[number], dimensions);
+        let share = |lobe| {
+            let from = Origin::Point(point);
+            let sums = self.sums(from, normal, (number, open), count, lobe, &own, &mut |_, _| ());
+            Some(sums.share(count, 2.0)?.value * self.open_share(point, normal, number, open, lobe))
+        };
         // Where no ray has met a narrow lobe, that of all light.
-        share(lobe).or_else(|| lobe.and_then(|_| share(None))).unwrap_or(Share::NOTHING)
+        share(lobe).or_else(|| lobe.and_then(|_| share(None))).unwrap_or_default()
     }
 
-    /// The weights of so many rays to a lamp, which triangles that are `own` do not block.
+    /// Where rays from points of a triangle to each lamp go, and their number: as many as are saved where light is dark for sure go elsewhere. They are
+    /// the more the less of lamps is open, of which the edge is a larger share.
+    pub(super) fn aims(&self, facet: &Facet, open: impl Fn(usize) -> Open) -> Vec<(Open, u32)> {
+        let &Facet { centroid, normal, .. } = facet;
+        let of_lamp = |(lamp, &count): (usize, &u32)| {
+            let open = open(lamp);
+            (open, f64::from(count) * self.open_share(centroid, normal, lamp, open, None))
+        };
+        let of_lamps: Vec<(Open, f64)> = self.counts.iter().enumerate().map(of_lamp).collect();
+        let share =
+            of_lamps.iter().map(|(_, rays)| rays).sum::<f64>() / self.counts.iter().sum::<u32>() as f64;
+        let more = (1.0 / share).min(MORE) / share;
+        of_lamps.into_iter().map(|(open, rays)| (open, (more * rays).ceil().max(LEAST) as u32)).collect()
+    }
+
+    /// The share of the irradiance of a lamp at a point, without shadows, that is that of open cells.
+    fn open_share(&self, point: DVec3, normal: DVec3, lamp: usize, open: Open, lobe: Option<&Lobe>) -> f64 {
+        if open.is_all() {
+            return 1.0;
+        }
+        let weight = |cell| (open.has(cell), self.weight(point, normal, lamp, middle(cell), lobe).0);
+        let (mut all, mut arrives) = (0.0, 0.0);
+        for (is_open, weight) in (0..CELLS).map(weight) {
+            all += weight;
+            arrives += if is_open { weight } else { 0.0 };
+        }
+        // A lobe may be narrower than cells, and the horizon close to all middles.
+        if all > 0.0 { arrives / all } else { 1.0 }
+    }
+
+    /// How much a place of a lamp counts at a point, cos θ cos θ' / r², up to a factor, and where it is.
+    fn weight(
+        &self,
+        point: DVec3,
+        normal: DVec3,
+        lamp: usize,
+        place: [u32; 2],
+        lobe: Option<&Lobe>,
+    ) -> (f64, DVec3) {
+        let (to, lamp_normal) = self.surfaces[lamp].from_point(point, place);
+        let (towards, squared) = (to - point, to.distance_squared(point));
+        let cosines = [towards.dot(normal), -towards.dot(lamp_normal)].map(|cosine| cosine.max(0.0));
+        let reflected = lobe.map_or(1.0, |lobe| lobe.at(towards));
+        (reflected * cosines[0] * cosines[1] / (squared * squared), to)
+    }
+
+    /// The weights of so many rays to the open cells of a lamp, which triangles that are `own` do not block. `each`: told where each ray ends, and whether it arrives.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "where rays leave, where they end, and what is told of them"
+    )]
     fn sums(
         &self,
         from: Origin,
         normal: DVec3,
-        lamp: usize,
+        (lamp, open): (usize, Open),
         count: u32,
         lobe: Option<&Lobe>,
-        own: impl Fn(usize) -> bool,
+        own: &dyn Fn(usize) -> bool,
+        each: &mut dyn FnMut([u32; 2], bool),
     ) -> Sums {
         let start = match from {
             Origin::Point(point) => point,
             Origin::Triangle(corners, _) => corners.iter().sum(),
         };
-        let surface = &self.surfaces[lamp];
         let shifts = shifts(start, lamp as u32);
         let mut sums = Sums::default();
         for ray in 0..count {
             let [s, t] = sobol(ray);
+            let place = open.place([s ^ shifts[0], t ^ shifts[1]]);
             let (point, counts) = from.of_ray(ray, [shifts[2], shifts[3]]);
-            let (to, lamp_normal) = surface.from_point(point, [s ^ shifts[0], t ^ shifts[1]]);
-            let (towards, squared) = (to - point, to.distance_squared(point));
-            // cos θ cos θ' / r², up to a factor.
-            let cosines = [towards.dot(normal), -towards.dot(lamp_normal)].map(|cosine| cosine.max(0.0));
-            let reflected = lobe.map_or(1.0, |lobe| lobe.at(towards));
-            let weight = counts * reflected * cosines[0] * cosines[1] / (squared * squared);
-            if weight > 0.0 {
-                sums.all += weight;
-                if !self.rays.blocked(point, to, &own) {
-                    sums.arrive += weight;
-                }
+            let (weight, to) = self.weight(point, normal, lamp, place, lobe);
+            if counts * weight > 0.0 {
+                let arrives = !self.rays.blocked(point, to, own);
+                sums.all += counts * weight;
+                sums.arrive += if arrives { counts * weight } else { 0.0 };
+                each(place, arrives);
             }
         }
         sums
