@@ -10,7 +10,7 @@
 //!
 //! Estimates hold the radiance that lamps have when this is made. Later light is linear in radiance: the rays stay, and so do their weights.
 
-use super::cone::vector_irradiance;
+use super::cone::{Side, cut, extent, sides, vector_irradiance};
 use super::highlight::Lobe;
 use super::lamps::Lamp;
 use super::openness::Parts;
@@ -69,12 +69,16 @@ struct Source {
     surface: Surface,
 }
 
-/// Distance to a face, in roots of its area, up to which its light is integrated; and height, as a share of the distance, down to which a corner
+/// Distance to a face, in its longest sides, up to which its light is integrated; and height, as a share of the distance, down to which a corner
 /// counts as above the horizon.
-const NEAR: f64 = 3.0;
+const NEAR: f64 = 2.0;
 const ON_PLANE: f64 = 1e-9;
-/// Distance, in radii of a lamp, from which all of it counts as equally far away in the choice of a face.
+/// Distance, in radii of a lamp, from which all of it counts as equally far away.
 const FAR: f64 = 4.0;
+/// Faces of a lamp up to which its light is integrated where it is near, to tell how many rays it gets and where they go.
+const FEW_FACES: usize = 4;
+/// Share of the estimate from afar that counts at least: what is below the horizon of a triangle's middle is not below that of its corners.
+const AT_LEAST: f64 = 0.1;
 
 /// What a ray brings.
 #[derive(Clone, Copy, Debug)]
@@ -121,9 +125,43 @@ impl Source {
         if self.surface.goes_along { to } else { to - point }
     }
 
-    /// About what arrives without shadows at points up to `reach` from a point of a plane: of a small lamp, L A cosθ cosθ' / r². It is positive
-    /// wherever something arrives.
+    /// About what arrives without shadows at points up to `reach` from a point of a plane: of a small or distant lamp, L A cosθ cosθ' / r². It is
+    /// positive wherever something arrives.
     fn estimate(&self, point: DVec3, normal: DVec3, reach: f64) -> f64 {
+        let distant = self.at_distance(point, normal, reach);
+        if self.is_far(point) || self.surface.triangles.len() > FEW_FACES {
+            return distant;
+        }
+        let of_face = |face: &Flat| self.integral_of(face, point, normal).dot(normal).max(0.0);
+        let near: f64 = self.surface.triangles.iter().map(of_face).sum();
+        (self.radiance * near).max(AT_LEAST * distant)
+    }
+
+    fn is_far(&self, point: DVec3) -> bool {
+        let reach = FAR * self.radius;
+        self.surface.goes_along || self.centre.distance_squared(point) > reach * reach
+    }
+
+    /// What a point would receive of a face without shadows, ∫ ω dω over the part above the horizon, sr.
+    fn integral_of(&self, face: &Flat, point: DVec3, normal: DVec3) -> DVec3 {
+        let ways = face.corners.map(|corner| self.way(point, corner));
+        if -ways[0].dot(face.normal) <= 0.0 {
+            return DVec3::ZERO;
+        }
+        // Seen from its front, a triangle runs the other way than the cone that it closes.
+        let cone = [2, 1, 0].map(|k| Side { corner: ways[k], plane: 0 });
+        match extent(&cone, normal) {
+            [false, _] => DVec3::ZERO,
+            [true, false] => vector_irradiance(sides(&cone)),
+            [true, true] => {
+                let mut above = Vec::with_capacity(4);
+                cut(&cone, normal, 0, &mut above);
+                vector_irradiance(sides(&above))
+            }
+        }
+    }
+
+    fn at_distance(&self, point: DVec3, normal: DVec3, reach: f64) -> f64 {
         let way = self.way(point, self.centre);
         let least = self.radius.max(reach);
         let squared = way.length_squared().max(least * least).max(f64::MIN_POSITIVE);
@@ -134,14 +172,18 @@ impl Source {
 
     /// Sums of what is estimated of each face at a point, up to each, in any unit.
     fn of_faces(&self, point: DVec3, normal: DVec3, to: &mut Vec<f64>) {
-        let is_far = self.surface.goes_along
-            || self.centre.distance_squared(point) > FAR * FAR * self.radius * self.radius;
-        if is_far {
+        if self.is_far(point) {
             // What the point sees of its area.
             let start = if self.surface.goes_along { DVec3::ZERO } else { point };
             sums(self.planes.iter().map(|(vector, height)| (vector.dot(start) - height).max(0.0)), to);
         } else {
-            sums(self.surface.triangles.iter().map(|face| self.estimate_of(face, point, normal)), to);
+            let few = self.surface.triangles.len() <= FEW_FACES;
+            let of_face = |face: &Flat| {
+                let estimate = self.estimate_of(face, point, normal);
+                let integral = || self.integral_of(face, point, normal).dot(normal).max(AT_LEAST * estimate);
+                if few { integral() } else { estimate }
+            };
+            sums(self.surface.triangles.iter().map(of_face), to);
         }
     }
 
@@ -159,10 +201,11 @@ impl Source {
 
 /// What a point would receive of a face without shadows, sr, if the face is near and the point sees all of its front: there cosθ cosθ' / r² varies
 /// over the face, without bound where it touches the receiver.
-fn of_near(ways: [DVec3; 3], face: &Flat, normal: DVec3) -> Option<DVec3> {
+fn of_near(ways: [DVec3; 3], normal: DVec3) -> Option<DVec3> {
     let squared = (ways.iter().sum::<DVec3>() / 3.0).length_squared();
     let is_above = |way: &DVec3| way.dot(normal) >= -ON_PLANE * squared.sqrt();
-    let near = squared < NEAR * NEAR * face.area() && ways.iter().all(is_above);
+    let longest = (0..3).map(|k| ways[k].distance_squared(ways[(k + 1) % 3])).fold(0.0, f64::max);
+    let near = squared < NEAR * NEAR * longest && ways.iter().all(is_above);
     // Seen from its front, a triangle runs the other way than the cone that it closes.
     let light = near.then(|| -vector_irradiance((0..3).map(|k| (0, [ways[k], ways[(k + 1) % 3]]))));
     // Of a face in the plane of the receiver, rounding alone is left.
@@ -321,7 +364,7 @@ impl ManyLights {
             let blocked = || self.rays.as_ref().is_some_and(|rays| rays.blocked(point, to, own));
             if received > 0.0 && sent > 0.0 && !blocked() {
                 let ways = face.corners.map(|corner| source.way(point, corner));
-                let whole = if lobe.is_none() { of_near(ways, face, normal) } else { None };
+                let whole = if lobe.is_none() { of_near(ways, normal) } else { None };
                 // dω = cosθ' dA / r².
                 let light = whole.unwrap_or_else(|| way * (sent * face.area() / (squared * squared)));
                 let light = counts * light / (probability * share * f64::from(count));
