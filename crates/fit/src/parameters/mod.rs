@@ -29,6 +29,9 @@ use glam::DVec3;
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
+/// Multiples of it fill the unit interval evenly, without their whole parts.
+const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
+
 /// A [`Fit`] is invalid for the scene.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
@@ -424,7 +427,7 @@ impl Parameters {
                     // Rays are as many as the light of this scene asks for. Where nothing is known of it, materials emit differently,
                     // distributed exponentially: of uniform light few rays tell all.
                     Quantity::Emission => {
-                        let share = ((f64::from(m) + 0.5) * std::f64::consts::GOLDEN_RATIO).fract();
+                        let share = ((f64::from(m) + 0.5) * GOLDEN_RATIO).fract();
                         material.emission[1] = 0.9 * material.emission[1] - 1e-6 * (1.0 - share).ln();
                     }
                     Quantity::Diffuse | Quantity::Power | Quantity::Position | Quantity::Camera => {}
