@@ -85,8 +85,8 @@ impl FromStr for BinLayout {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Lamps {
-    /// Exactly where the emitters are few and shadows take at most several times as long as the solve, else sampled; like all other light where
-    /// they are more than can be followed.
+    /// Sampled, but exact where visibility is implicit and shadows take at most several times as long as the solve; like all other light where
+    /// lamps are more than can be followed.
     #[default]
     Auto,
     /// With exact visibility: shadows are as sharp as they are.

@@ -67,8 +67,8 @@ pub struct MeshSettings {
     /// blockers are coarse]
     #[arg(long, value_name = "LAYOUT")]
     bins: Option<BinLayout>,
-    /// Light that comes straight from emitters: exact where that is affordable, else sampled (auto); exact; sampled, by rays where much
-    /// stands in between; or by antiradiance through bins
+    /// Light that comes straight from emitters: sampled, by rays where much stands in between; exact; by antiradiance through bins; or
+    /// auto: sampled, but exact where visibility is implicit and that is affordable
     #[arg(long, value_name = "HOW", value_parser = word::<Lamps>(LAMPS))]
     lamps: Option<Lamps>,
     /// How blockers keep light from what is behind them: by rays (explicit), or by antiradiance (implicit) [default: explicit]

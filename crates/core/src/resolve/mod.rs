@@ -182,7 +182,7 @@ fn chosen(lamps: &[Lamp], visibility: Visibility) -> (Lamps, &'static str) {
             (Lamps::Antiradiance, "no lamp, or more than can be followed: with all other light")
         }
         Visibility::Exact => (Lamps::Exact, "few enough outlines stand in between"),
-        Visibility::Sampled => (Lamps::Sampled, "many outlines stand in between: by rays"),
+        Visibility::Sampled => (Lamps::Sampled, "by rays where more than a few outlines stand in between"),
         Visibility::Distributed => (Lamps::Sampled, "many lamps: rays are distributed over all of them"),
     }
 }
