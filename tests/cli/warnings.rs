@@ -124,7 +124,7 @@ fn a_sheet_with_a_lit_back_is_warned_of_until_it_has_two_sides() {
     let sheet = "[material.grey]\nalbedo = 0.5\n[material.lamp]\nemission = 10\n[[mesh]]\nname = \"floor\"\nmaterial = \"grey\"\n\
                  shape = { kind = \"quad\", cells = 4 }\nscale = 2\n[[mesh]]\nname = \"sheet\"\nmaterial = \"grey\"\nshape = { kind = \
                  \"quad\" }\nscale = [1, -1, 1]\ntranslate = [0.5, 1, 0.5]\n[[mesh]]\nname = \"lamp\"\nmaterial = \"lamp\"\nshape = { \
-                 kind = \"quad\" }\nscale = [0.4, -1, 0.4]\ntranslate = [0.8, 2, 0.8]\n[camera.main]\nposition = [1, 0.5, \
+                 kind = \"quad\" }\nscale = [0.4, -1, 0.4]\ntranslate = [0.8, 2, 0.8]\n[camera.main]\nposition = [1, 1.5, \
                  -2]\ntarget = [1, 0.5, 1]\nfov_x_degrees = 60\nwidth = 8\nheight = 8\n";
     let folder = Folder::with(&[("sheet.toml", sheet)]);
     let lit = |folder: &Folder| {
