@@ -19,6 +19,8 @@ pub use progress::{PartsBar, SolveBar, Working};
 pub use sheet::{Panel, Sheet, heat, percentile, signed_heat, white_point};
 pub use size::parse_size;
 
+use std::borrow::Cow;
+
 /// Exit code for bad input and for work that failed.
 pub const EXIT_FAILURE: u8 = 2;
 /// Exit code if results were written but are unreliable: the solve did not converge, or its solution is not physical.
@@ -50,8 +52,19 @@ pub fn started_together() -> Option<&'static str> {
 macro_rules! say {
     ($($arguments:tt)*) => {{
         use std::io::Write as _;
-        let _ = writeln!(std::io::stdout(), $($arguments)*);
+        let _ = writeln!(std::io::stdout(), "{}", $crate::cli::plain(&format!($($arguments)*)));
     }};
+}
+
+/// Text for a terminal: names in files may hold control characters, which would move its cursor or change its colours. All but line ends and tabs
+/// are written as Rust does.
+pub fn plain(text: &str) -> Cow<'_, str> {
+    let is_bad = |c: char| c.is_control() && c != '\n' && c != '\t';
+    if !text.contains(is_bad) {
+        return Cow::Borrowed(text);
+    }
+    let escaped = |c: char| if is_bad(c) { c.escape_default().to_string() } else { c.to_string() };
+    Cow::Owned(text.chars().map(escaped).collect())
 }
 
 /// Log lines on standard error: warnings, with `verbose` more; with `json` one JSON object a line.
@@ -71,4 +84,15 @@ pub fn start_logging(quiet: bool, verbose: u8, json: bool) {
         .without_time();
     // An existing logger stays: tests call this more than once.
     let _ = if json { lines.json().flatten_event(true).try_init() } else { lines.try_init() };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_terminals_obey_is_escaped() {
+        assert_eq!(plain("a \u{1b}[31mred\u{7}\u{9b}2J\r\n\tü"), "a \\u{1b}[31mred\\u{7}\\u{9b}2J\\r\n\tü");
+        assert!(matches!(plain("Küche 1\n"), Cow::Borrowed(_)));
+    }
 }

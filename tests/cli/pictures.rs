@@ -1,6 +1,6 @@
 //! `antirad render` and what it writes.
 
-use crate::{Folder, ROOM, Run, run, says, without_driver};
+use crate::{Folder, ROOM, Run, names, run, says, without_driver};
 use antirad::image::Picture;
 use npyz::NpyFile;
 use std::io::Write;
@@ -499,4 +499,33 @@ fn no_light_is_a_black_picture_and_a_warning() {
     assert!(picture(&folder, "out/main.exr").pixels.iter().all(|pixel| pixel[..3] == [0.0; 3]));
     assert!(png(&folder, "out/main.png").pixels().all(|pixel| pixel.0 == [0; 3]));
     assert!(rows(&folder, "out/irradiance.npy").iter().all(|rgb| *rgb == [0.0; 3]));
+}
+
+/// Whatever cameras are called, all that is written stays in the folder, and is told apart.
+#[test]
+fn names_of_cameras_do_not_leave_the_folder() {
+    let camera = |name: &str| {
+        format!(
+            "[camera.\"{name}\"]\nposition = [1, 0.5, -2]\ntarget = [1, 0.5, 1]\nfov_x_degrees = 60\nwidth = 4\nheight = 4\n"
+        )
+    };
+    let given = ["../../x", "/tmp/antirad_escaped", "a/b", "a_b", "A_b"];
+    let cameras: String = given.iter().map(|name| camera(name)).collect();
+    let scene = format!(
+        "[material.lamp]\nemission = 10\n[[mesh]]\nmaterial = \"lamp\"\nshape = {{ kind = \"box\" }}\n{cameras}"
+    );
+    let folder = Folder::with(&[("s.toml", &scene)]);
+    let before = names(&folder.path(""));
+    folder.render("s.toml").succeeded();
+    folder.run("trace s.toml --samples 1 --output out").succeeded();
+    let files = folder.results();
+    for name in ["_.._.._x", "_tmp_antirad_escaped", "a_b", "a_b_2", "A_b_3"] {
+        for ending in ["exr", "png", "error.exr"] {
+            assert!(files.contains(&format!("{name}.{ending}")), "{name}.{ending}: {files:?}");
+        }
+    }
+    let mut after = names(&folder.path(""));
+    after.retain(|name| name != "out");
+    assert_eq!(after, before);
+    assert!(!PathBuf::from("/tmp/antirad_escaped.exr").exists());
 }

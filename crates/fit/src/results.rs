@@ -5,17 +5,17 @@ use super::job::{FitError, Job, Outcome, Record};
 use super::renderer::CostEstimate;
 use super::settings::StopRule;
 use super::target::Target;
+use antirad_base::FileNames;
 use antirad_base::input;
 use antirad_base::output::{OutputError, atomic_write, write_array, write_json};
 use antirad_core::plan::GradientRequest;
 use antirad_render::export::{Format, export};
 use antirad_render::image::Picture;
 use antirad_render::render::Quantity;
-use antirad_scene::{Scene, free_name};
+use antirad_scene::Scene;
 use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Value, json};
-use std::collections::HashSet;
 use std::path::Path;
 use std::slice::from_ref;
 
@@ -114,13 +114,8 @@ pub fn written_picture_error(directory: &Path) -> Option<f64> {
 
 /// File names of the views: those of their cameras, numbered if a camera has several targets.
 pub fn view_names(job: &Job) -> Vec<String> {
-    let mut taken: HashSet<String> = [SCENE, "loss", "report"].map(String::from).into();
-    let name = |name: &str| {
-        let name: String =
-            name.chars().map(|c| if "/\\:".contains(c) || c.is_control() { '_' } else { c }).collect();
-        free_name(&name, |name| taken.insert(name.to_owned()))
-    };
-    job.problem().targets.iter().map(|t| t.camera.name.as_str()).map(name).collect()
+    let mut names = FileNames::without(&[SCENE, "loss", "report"]);
+    job.problem().targets.iter().map(|target| names.of(&target.camera.name)).collect()
 }
 
 /// The scene for other programs, on the meshes as given unless vertices moved.

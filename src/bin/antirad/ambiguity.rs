@@ -11,7 +11,7 @@ use antirad::backend::Backend;
 use antirad::cli::Interrupt;
 use antirad::gpu::Bytes;
 use antirad::image::{Exposure, Rasterizer, ToneMap};
-use antirad::output::{atomic_write, prepare_directory, write_array, write_json};
+use antirad::output::{FileNames, atomic_write, prepare_directory, write_array, write_json};
 use antirad::resolve::ResolveOptions;
 use antirad::scene::{Camera, Scene};
 use clap::Args;
@@ -301,8 +301,9 @@ fn write_determination(
     write_array(&numbers, &[determined.len() as u64], determined.iter().copied())?;
     let colours: Vec<[f64; 3]> = determined.iter().map(|&share| false_colour(share)).collect();
     let mut files = vec![numbers];
+    let mut names = FileNames::default();
     let mut shoot = |scene: &Scene, camera: &Camera, colours: &[[f64; 3]]| -> Result<(), Failure> {
-        let path = directory.join(format!("{}.png", camera.name));
+        let path = directory.join(format!("{}.png", names.of(&camera.name)));
         let picture = rasterizer.coverage(scene, camera, SUPERSAMPLE)?.picture(colours)?;
         picture.write_png(&path, &ToneMap::default().exposure(Exposure::Stops(0.0)).srgb(false))?;
         files.push(path);

@@ -128,7 +128,7 @@ fn report(failure: Failure, interrupt: &Interrupt) -> u8 {
             interrupt.exit_code()
         }
         Failure::Error(error) => {
-            eprintln!("antirad: {error}");
+            eprintln!("antirad: {}", cli::plain(&error.to_string()));
             cli::EXIT_FAILURE
         }
     }

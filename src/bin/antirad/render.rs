@@ -10,7 +10,7 @@ use antirad::backend::Backend;
 use antirad::cli::{EXIT_UNRELIABLE, Interrupt, REFLECTIONS, SHADINGS, SolveBar, Working, word};
 use antirad::gpu::Bytes;
 use antirad::image::{Exposure, ImageError, Picture, PictureOptions, Rasterizer, ToneMap};
-use antirad::output::{prepare_directory, single, write_json, write_npy};
+use antirad::output::{FileNames, prepare_directory, single, write_json, write_npy};
 use antirad::plan::{Plan, PlanOptions};
 use antirad::render::{Reflections, Shading};
 use antirad::render::{RenderOptions, Renderer, Shown};
@@ -311,9 +311,10 @@ impl Work<'_> {
     fn write_pictures(&self, directory: &Path, pictures: &[DrawnPicture]) -> Result<Vec<String>, Failure> {
         let Arguments { exposure, linear_png, .. } = self.arguments;
         let tone = ToneMap::default().exposure(*exposure).srgb(!linear_png);
-        let mut files = Vec::new();
+        let (mut files, mut names) = (Vec::new(), FileNames::default());
         for DrawnPicture { camera, picture, .. } in pictures {
-            let [exr, png] = ["exr", "png"].map(|kind| format!("{}.{kind}", camera.name));
+            let name = names.of(&camera.name);
+            let [exr, png] = ["exr", "png"].map(|kind| format!("{name}.{kind}"));
             picture.write_exr(directory.join(&exr))?;
             picture.write_png(directory.join(&png), &tone)?;
             files.extend([exr, png]);

@@ -6,7 +6,7 @@ use crate::render::parse_exposure;
 use crate::settings::SceneFile;
 use antirad::cli::{Interrupt, PartsBar};
 use antirad::image::{Exposure, ToneMap};
-use antirad::output::{prepare_directory, write_json};
+use antirad::output::{FileNames, prepare_directory, write_json};
 use antirad::path_tracer::{PathTracer, TracedPicture};
 use antirad::scene::Camera;
 use clap::Args;
@@ -85,9 +85,11 @@ pub fn run(arguments: &Arguments, quiet: bool, interrupt: &Interrupt) -> Result<
     let traced = traced?;
 
     let tone = ToneMap::default().exposure(arguments.exposure).srgb(!arguments.linear_png);
-    let mut pictures = Vec::new();
+    let (mut pictures, mut names) = (Vec::new(), FileNames::default());
     for (Camera { name, .. }, (traced, seconds)) in cameras.iter().zip(&traced) {
-        let files = ["exr", "png", "error.exr"].map(|ending| format!("{name}.{ending}"));
+        // `a.error.exr` is that of the errors of `a`.
+        let file = names.of(&name.replace(".error", "_error"));
+        let files = ["exr", "png", "error.exr"].map(|ending| format!("{file}.{ending}"));
         let [exr, png, error] = files.each_ref().map(|file| directory.join(file));
         let picture = traced.picture();
         picture.write_exr(exr)?;

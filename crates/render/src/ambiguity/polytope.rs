@@ -97,13 +97,16 @@ impl Polytope {
             DMatrix::from_fn(rows.len(), unseen.len(), |i, u| albedo[rows[i]] / PI * direct.get(rows[i], u))
         };
         let among_unseen = DMatrix::identity(unseen.len(), unseen.len()) - reflected(&unseen);
-        // A (1 - R_uu) = R_vu.
-        let a = among_unseen
-            .transpose()
-            .lu()
-            .solve(&reflected(&seen).transpose())
-            .ok_or(PolytopeError::Singular)?
-            .transpose();
+        // A (1 - R_uu) = R_vu. Matrices without rows have no decomposition.
+        let a = match unseen.is_empty() {
+            true => DMatrix::zeros(seen.len(), 0),
+            false => among_unseen
+                .transpose()
+                .lu()
+                .solve(&reflected(&seen).transpose())
+                .ok_or(PolytopeError::Singular)?
+                .transpose(),
+        };
         let of = |rows: &[usize]| DVector::from_iterator(rows.len(), rows.iter().map(|&i| emission[i]));
         let alone = of(&seen) + &a * of(&unseen);
 
@@ -247,6 +250,26 @@ mod tests {
         assert!(
             polytope.explanation(&[0.0, 0.0]).iter().zip([0.0, 0.0, 0.3, 2.15]).all(|(a, b)| close(*a, b))
         );
+    }
+
+    /// Pictures that show all triangles determine them.
+    #[test]
+    fn nothing_is_unseen() {
+        let polytope = Polytope::new(&Given {
+            direct: &LightMatrix::new(2),
+            albedo: &[0.5; 2],
+            emission: &[3.0, 0.0],
+            areas: &[1.0, 2.0],
+            seen: &[true; 2],
+            unseen: &[],
+            noise: 0.0,
+        })
+        .expect("a polytope");
+        assert_eq!((polytope.dimension(), polytope.unseen_intervals()), (0, Vec::new()));
+        assert_eq!(polytope.determination(), [1.0, 1.0]);
+        assert_eq!(polytope.explanation(&[]), [3.0, 0.0]);
+        let lamp = polytope.seen_interval(0).expect("an interval").expect("seen");
+        assert!(close(lamp.least, 3.0) && close(lamp.most.expect("a bound"), 3.0));
     }
 
     /// Noise widens all intervals.

@@ -83,9 +83,7 @@ fn missed(scene: &Scene, rays: &Rays, triangle: usize) -> f64 {
     }
     let meets = |&(origin, direction): &(DVec3, DVec3)| {
         let met = rays.nearest(origin, direction, Some(triangle));
-        met.is_some_and(|(i, _)| {
-            scene.area_vector(i).dot(direction) < 0.0 && !scene.material(i).only_emits()
-        })
+        met.is_some_and(|(i, _)| scene.area_vector(i).dot(direction) < 0.0 && !scene.material(i).only_emits())
     };
     from_front(&back, triangle as u64, 0..RAYS).filter(meets).count() as f64 / f64::from(RAYS)
 }

@@ -13,11 +13,11 @@ pub use intrinsics::{Focal, Intrinsics};
 pub use lens::{Distortion, Lens, Projection};
 pub use similarity::Similarity;
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::SceneError;
-use super::free_name::free_name;
+use antirad_base::FileNames;
 
 /// The frames of a `transforms.json` (NeRF, Blender, instant-ngp, nerfstudio) or of a COLMAP folder.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,17 +86,14 @@ impl CameraSet {
         for stem in &stems {
             *count.entry(stem).or_default() += 1;
         }
-        let mut taken = HashSet::new();
+        // Names become those of files.
+        let mut names = FileNames::default();
         for (frame, stem) in self.frames.iter_mut().zip(&stems) {
             let name = match count.get(stem.as_str()) {
                 Some(1) => stem.clone(),
                 _ => pictures::path_as_name(&frame.picture),
             };
-            // Names become those of files.
-            let name: String =
-                name.chars().map(|c| if "/\\:".contains(c) || c.is_control() { '_' } else { c }).collect();
-            frame.name = free_name(&name, |name| !taken.contains(name));
-            taken.insert(frame.name.clone());
+            frame.name = names.of(&name);
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::summary::{Ended, Row};
 use antirad::backend::Backend;
+use antirad::cli;
 use antirad::fit::{CostEstimate, JobFile, Record};
 use antirad::gpu::Bytes;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -61,7 +62,7 @@ impl Log {
 
     /// Prints a line above the bar.
     fn line(&self, line: &str) {
-        self.bar.suspend(|| eprintln!("{line}"));
+        self.bar.suspend(|| eprintln!("{}", cli::plain(line)));
     }
 
     pub fn warn(&self, job: &str, warning: &str) {
