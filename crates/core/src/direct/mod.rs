@@ -48,7 +48,7 @@ use many_lights::{Arrival, ManyLights, by_lamp};
 use quadrature::Cuts;
 pub use quadrature::{POINTS, Sample};
 use rays::{Lit, Tracing};
-use sampling::{FEW, Share};
+use sampling::Share;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -938,7 +938,7 @@ impl<'a> Between<'a> {
         points: &[DVec3],
         lamp: (usize, &'a Placed<'a>),
     ) -> Self {
-        let most = sampling.map(|_| FEW);
+        let most = sampling.map(|rays| rays.few(lamp.0));
         let blockers = geometry.between(points, geometry.facets[receiver].normal, lamp.1, most);
         let sampling = sampling.filter(|_| blockers.is_none());
         let blockers = blockers.unwrap_or_default();

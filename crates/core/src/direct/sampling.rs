@@ -19,8 +19,10 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Polygons in the way up to which visibility is exact all the same: about as many take as long as rays.
-pub const FEW: usize = 4;
+/// Rays that take about as long as exact visibility behind one polygon.
+const PER_POLYGON: usize = 8;
+/// Polygons behind which it is exact in any case.
+const FEWEST: usize = 4;
 
 /// Rays of a triangle or a point to all lamps together, about, and to each at most.
 const TO_ALL: f64 = 256.0;
@@ -156,6 +158,11 @@ impl Sampling {
         let rays = rays_among(facets);
         let surfaces = lamps.iter().map(|lamp| Surface::new(facets, lamp)).collect();
         Self { rays, surfaces: Arc::new(surfaces), counts }
+    }
+
+    /// Polygons in the way of a lamp up to which visibility is exact all the same: about as many as take as long as its rays.
+    pub(super) fn few(&self, lamp: usize) -> usize {
+        (self.counts[lamp] as usize / PER_POLYGON).max(FEWEST)
     }
 
     /// The sampling of moved triangles, with as many rays to each lamp.
