@@ -234,11 +234,9 @@ pub mod output {
     pub use antirad_base::output::OutputError;
     // For the tool and the Python package.
     #[doc(hidden)]
-    pub use antirad_base::FileNames;
-    #[doc(hidden)]
     pub use antirad_base::output::{
-        atomic_write, prepare_directory, remove_unfinished, single, write_array, write_json, write_new_json,
-        write_npy,
+        FileNames, atomic_write, prepare_directory, remove_unfinished, single, write_array, write_json,
+        write_new_json, write_npy,
     };
 }
 

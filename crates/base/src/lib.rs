@@ -2,7 +2,6 @@
 //! the interruption of long work. Programs use it through the crate `antirad`.
 #![warn(missing_docs)]
 
-mod file_names;
 pub mod input;
 pub mod npy;
 mod options;
@@ -12,5 +11,4 @@ pub mod ranks;
 pub mod usage;
 mod watch;
 
-pub use file_names::FileNames;
 pub use watch::Watch;

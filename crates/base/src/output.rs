@@ -1,5 +1,9 @@
 //! Atomic writes: files appear whole or not at all, so that an interrupted run leaves no half-written output.
 
+mod file_names;
+
+pub use file_names::FileNames;
+
 use crate::npy::{self, Number};
 use std::fs::{self, File};
 use std::io;

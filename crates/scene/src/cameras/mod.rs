@@ -17,7 +17,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::SceneError;
-use antirad_base::FileNames;
+use antirad_base::output::FileNames;
 
 /// The frames of a `transforms.json` (NeRF, Blender, instant-ngp, nerfstudio) or of a COLMAP folder.
 #[derive(Clone, Debug, PartialEq)]
