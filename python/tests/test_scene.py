@@ -80,7 +80,9 @@ def test_resolved():
     scene = antirad.Scene.load(SCENES / "cornell_boxes.toml")
     resolved = scene.resolved()
     assert [decision[0] for decision in resolved.decisions][:3] == ["mesh", "visibility", "lamps"]
-    assert resolved.scene.settings["visibility"] == "explicit" and resolved.scene.settings["lamps"] == "sampled"
+    assert (
+        resolved.scene.settings["visibility"] == "explicit" and resolved.scene.settings["lamps"] == "sampled"
+    )
     count = len(scene.triangles)
     assert len(resolved.scene.triangles) > count and len(resolved.parents) == len(resolved.scene.triangles)
     # Parts inside of others are left out, and count as dark.
