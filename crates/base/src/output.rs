@@ -2,7 +2,7 @@
 
 mod file_names;
 
-pub use file_names::FileNames;
+pub use file_names::{FileNames, free_name};
 
 use crate::npy::{self, Number};
 use std::fs::{self, File};

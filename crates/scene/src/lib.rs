@@ -21,7 +21,6 @@ mod cut;
 mod energy;
 mod error;
 mod file;
-mod free_name;
 mod geometry;
 mod given;
 mod gltf_file;
@@ -83,9 +82,9 @@ pub use sun::Sun;
 pub use antirad_rays::Rays;
 
 pub use adjacency::{Edges, Fans, Welded, sides};
+pub use antirad_base::output::free_name;
 pub use creases::SAME_SURFACE;
 pub use error::{Place, nearest};
-pub use free_name::free_name;
 pub use pattern::Factors;
 pub use size::bounds;
 pub use tables::{CameraTable, Triple};

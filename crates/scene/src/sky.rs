@@ -11,9 +11,9 @@ use glam::{DMat3, DVec3};
 use image::ImageFormat;
 
 use super::check::check_light;
-use super::free_name::free_name;
 use super::texture::{decode_picture, linear_from_srgb, read_picture};
 use super::{Material, Mesh, Origin, Scene, Triangle, bounds};
+use antirad_base::output::free_name;
 
 /// Name of the mesh of a sky; further ones have numbers.
 pub(super) const NAME: &str = "sky";

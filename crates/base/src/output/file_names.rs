@@ -24,11 +24,15 @@ impl FileNames {
     /// The name of the file for a name: the same, where that is possible. Separators, control characters and what Windows forbids become
     /// `_`; the second of a kind is numbered.
     pub fn of(&mut self, name: &str) -> String {
-        let legal = legal(name);
-        let numbered = (2u64..).map(|n| format!("{legal}_{n}"));
-        let mut names = std::iter::once(legal.clone()).chain(numbered);
-        names.find(|name| self.taken.insert(name.to_lowercase())).unwrap_or_default()
+        free_name(&legal(name), |name| self.taken.insert(name.to_lowercase()))
     }
+}
+
+/// The first of `NAME`, `NAME_2`, `NAME_3` and so on that is free.
+pub fn free_name(name: &str, mut is_free: impl FnMut(&str) -> bool) -> String {
+    let numbered = (2u64..).map(|n| format!("{name}_{n}"));
+    let mut names = std::iter::once(name.to_owned()).chain(numbered);
+    names.find(|name| is_free(name)).unwrap_or_default()
 }
 
 fn legal(name: &str) -> String {

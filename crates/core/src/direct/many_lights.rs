@@ -148,8 +148,7 @@ impl Source {
         if -ways[0].dot(face.normal) <= 0.0 {
             return DVec3::ZERO;
         }
-        // Seen from its front, a triangle runs the other way than the cone that it closes.
-        let cone = [2, 1, 0].map(|k| Side { corner: ways[k], plane: 0 });
+        let cone = cone(ways);
         match extent(&cone, normal) {
             [false, _] => DVec3::ZERO,
             [true, false] => vector_irradiance(sides(&cone)),
@@ -172,7 +171,10 @@ impl Source {
 
     /// Sums of what is estimated of each face at a point, up to each, in any unit.
     fn of_faces(&self, point: DVec3, normal: DVec3, to: &mut Vec<f64>) {
-        if self.is_far(point) {
+        if self.surface.triangles.len() == 1 {
+            // There is no choice.
+            sums([1.0].into_iter(), to);
+        } else if self.is_far(point) {
             // What the point sees of its area.
             let start = if self.surface.goes_along { DVec3::ZERO } else { point };
             sums(self.planes.iter().map(|(vector, height)| (vector.dot(start) - height).max(0.0)), to);
@@ -199,6 +201,11 @@ impl Source {
     }
 }
 
+/// The cone of directions to a face that is seen from its front: a triangle runs the other way than the cone that it closes.
+fn cone([a, b, c]: [DVec3; 3]) -> [Side; 3] {
+    [c, b, a].map(|corner| Side { corner, plane: 0 })
+}
+
 /// What a point would receive of a face without shadows, sr, if the face is near and the point sees all of its front: there cosθ cosθ' / r² varies
 /// over the face, without bound where it touches the receiver.
 fn of_near(ways: [DVec3; 3], normal: DVec3) -> Option<DVec3> {
@@ -206,8 +213,7 @@ fn of_near(ways: [DVec3; 3], normal: DVec3) -> Option<DVec3> {
     let is_above = |way: &DVec3| way.dot(normal) >= -ON_PLANE * squared.sqrt();
     let longest = (0..3).map(|k| ways[k].distance_squared(ways[(k + 1) % 3])).fold(0.0, f64::max);
     let near = squared < NEAR * NEAR * longest && ways.iter().all(is_above);
-    // Seen from its front, a triangle runs the other way than the cone that it closes.
-    let light = near.then(|| -vector_irradiance((0..3).map(|k| (0, [ways[k], ways[(k + 1) % 3]]))));
+    let light = near.then(|| vector_irradiance(sides(&cone(ways))));
     // Of a face in the plane of the receiver, rounding alone is left.
     light.filter(|light| light.dot(normal) > 0.0)
 }

@@ -31,6 +31,7 @@ const TO_EACH: f64 = 128.0;
 const LEAST: f64 = 4.0;
 /// How many times more there are where little of lamps is open, at most.
 const MORE: f64 = 4.0;
+
 /// Steps of a sequence that fills the unit square evenly, in units of 2^-32: powers of the inverse of the real root of x³ = x + 1
 /// (M. Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
 pub const STEPS: [u32; 2] = [3_242_174_889, 2_447_445_414];
@@ -269,7 +270,8 @@ impl Sampling {
         (reflected * cosines[0] * cosines[1] / (squared * squared), to)
     }
 
-    /// The weights of so many rays to the open cells of a lamp, which triangles that are `own` do not block. `each`: told where each ray ends, and whether it arrives.
+    /// The weights of so many rays to the open cells of a lamp, which triangles that are `own` do not block. `each`: told where each ray ends, and
+    /// whether it arrives.
     #[expect(
         clippy::too_many_arguments,
         reason = "where rays leave, where they end, and what is told of them"

@@ -104,7 +104,7 @@ pub fn lit(scene: &Scene, plan: &Plan) -> Lit {
         let to_back = if outermost.holds(middle) { &without_suns } else { &tracer };
         let both = [tracer.irradiance_of(middle, to_front), to_back.irradiance_of_back(middle, PATHS)];
         let [front, back] = both.map(|side| side.mean.element_sum());
-        [front, back * missed(scene, &rays, middle)]
+        [front, if back > 0.0 { back * missed(scene, &rays, middle) } else { back }]
     });
     let area = |run: &[u32]| run.iter().map(|&i| plan.facets()[i as usize].area).sum::<f64>();
     let (light, all) = runs

@@ -387,7 +387,7 @@ impl Warnings {
                 }
             ),
             remedy: "two_sided = true (--two-sided) for sheets; turn what faces the wrong way".to_owned(),
-            measure: "irradiance of the back, W/m²",
+            measure: "irradiance of the back that is missed, W/m²",
             ..Warning::blank()
         });
     }

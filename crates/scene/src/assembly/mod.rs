@@ -12,7 +12,6 @@ use glam::DVec3;
 use super::check::MAX_TRIANGLES;
 use super::error::{Place, SceneError, nearest};
 use super::file::LoadOptions;
-use super::free_name::free_name;
 use super::geometry::{Maps, RawMesh};
 use super::material::numbered;
 use super::orient::orient;
@@ -21,6 +20,7 @@ use super::pattern::Pattern;
 use super::snap::{Snapped, snap};
 use super::tables::MaterialTable;
 use super::{Camera, Material, Mesh, Orient, Origin, Scene, Sky, SolveSettings, Sun, Triangle, bounds};
+use antirad_base::output::free_name;
 use simplified::Whole;
 
 pub(super) use simplified::Most;

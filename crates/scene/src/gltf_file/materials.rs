@@ -25,10 +25,10 @@ use gltf::texture::WrappingMode;
 use serde::Deserialize;
 
 use super::buffers::{self, Buffers};
-use crate::free_name::free_name;
 use crate::geometry::RawMaterial;
 use crate::material::{Material, Normalization};
 use crate::texture::{Encoding, Map, Texture, Wrap};
+use antirad_base::output::free_name;
 
 /// Reflectance of dielectrics at normal incidence.
 const DIELECTRIC: f64 = 0.04;

@@ -25,10 +25,10 @@ use self::lights::Represented;
 use self::materials::Materials;
 use super::Camera;
 use super::error::SceneError;
-use super::free_name::free_name;
 use super::geometry::RawMesh;
 use super::mesh_file::{Contents, MOST_TRIANGLES};
 use super::point_lights::{self, PointLight};
+use antirad_base::output::free_name;
 
 /// Rows of the picture of a camera.
 const HEIGHT: u32 = 480;

@@ -22,11 +22,11 @@ use self::element::Element;
 use self::spectrum::Of;
 use self::values::{Coloured, Values, note};
 use super::error::SceneError;
-use super::free_name::free_name;
 use super::geometry::{Maps, RawMaterial, RawMesh};
 use super::mesh_file::{Contents, MOST_TRIANGLES};
 use super::point_lights::{self, PointLight};
 use super::{Camera, obj, ply};
+use antirad_base::output::free_name;
 
 /// Reads a file. `warnings` takes what is left out or represented otherwise.
 pub(super) fn read(path: &Path, strict: bool, warnings: &mut Vec<String>) -> Result<Contents, SceneError> {
